@@ -5,7 +5,7 @@ use crate::maps::warn;
 use crate::{failed, on_threads};
 use anyhow::{Result, bail};
 use eval::{AlignMode, Options};
-use loopbox::blobs::local_files;
+use loopbox::blobs::{local_files, local_pair};
 use loopbox::lidar::merging::LidarMergeParams;
 use loopbox::lidar::{self, LidarMergeOptions};
 use loopbox::merging::MergingParams;
@@ -171,9 +171,8 @@ pub fn verdict(
     let options = VerdictOptions { verdicts, ..VerdictOptions::default() };
     let evaluated = py.detach(|| {
         on_threads(threads, || {
-            let maps = local_files(&[a, b], &|_| {})?;
-            let [a, b] = &maps[..] else { bail!("a verdict is on two maps, and these are {}", maps.len()) };
-            let found = find_verdict(&[a.clone(), b.clone()], &options, &Stop::default(), &Silent)?;
+            let maps = local_pair(&[a, b], &|_| {})?;
+            let found = find_verdict(&maps, &options, &Stop::default(), &Silent)?;
             Ok((found.joins, found.text, serde_json::to_string(&found.pair_results)?))
         })
     });

@@ -272,14 +272,8 @@ impl Agent {
         Submap::new(near.map(|(keyframe, _)| keyframe), &self.keyframes[index].world_from_sensor)
     }
 
-    /// What the odometry says of two keyframes, from the nearest loop on.
-    pub fn tracked_between(&self, from: usize, to: usize) -> Tracked {
-        let ties: Vec<Tie> = self.ties.iter().map(Loop::tie).collect();
-        self.drift.between(from, to, &ties, self.params.loop_deviation)
-    }
-
     /// The earlier keyframe most like one of those that may be near by the odometry, and the yaw of the one in it, radians.
-    fn candidate(&self, to: usize) -> Option<(usize, f64)> {
+    fn candidate(&self, to: usize) -> Option<(usize, f64, Tracked)> {
         let (context, path) = (&self.keyframes[to].context, self.tracked[to].1);
         let old = (0..to).filter(|&i| path - self.tracked[i].1 > self.params.apart);
         let mut near: Vec<(f32, usize)> =
@@ -291,10 +285,10 @@ impl Agent {
         let admitted = known.filter(|(_, tracked)| tracked.may_be_near()).take(self.params.candidates);
         let similarity = admitted.filter_map(|(i, tracked)| {
             let may_be = |yaw| tracked.may_be_turned(f64::from(yaw));
-            Some((i, self.keyframes[i].context.similarity_within(context, may_be)?))
+            Some((i, self.keyframes[i].context.similarity_within(context, may_be)?, tracked))
         });
-        let (from, like) = similarity.min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))?;
-        Some((from, f64::from(like.yaw)))
+        let (from, like, tracked) = similarity.min_by(|a, b| a.1.distance.total_cmp(&b.1.distance))?;
+        Some((from, f64::from(like.yaw), tracked))
     }
 
     /// Looks for the last keyframe's place among the earlier ones (Eq. 10, see [`take`](Self::take)).
@@ -305,12 +299,12 @@ impl Agent {
         if !self.looked.is_multiple_of(2) {
             return None;
         }
-        let (from, yaw) = self.candidate(to)?;
+        let (from, yaw, tracked) = self.candidate(to)?;
         let turned = UnitQuaternion::from_scaled_axis(Vector3::z() * yaw);
         let (target, source) = (self.submap(from), self.submap(to));
         let alignment = align(&target, &source, &Se3::new(turned, Vector3::zeros()), true);
         let closed = Loop { from, to, alignment };
-        if let Some(line) = refusal(&target, &source, &alignment, &self.tracked_between(from, to)) {
+        if let Some(line) = refusal(&target, &source, &alignment, &tracked) {
             self.refused.push(RefusedLoop { candidate: closed, line });
             return None;
         }

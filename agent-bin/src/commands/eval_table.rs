@@ -5,12 +5,10 @@ use anyhow::{Context, Result};
 use eval::{Evaluation, Options, Statistics, evaluate, read_times, read_trajectory};
 use geometry::median;
 use loopbox::evaluating::{read_truth, trajectory_at};
+use loopbox::run::LIVE_TRAJECTORY;
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
-
-/// The trajectory as tracked, before what came later corrected it, beside a run's final one.
-const LIVE: &str = "trajectory-live.txt";
 
 /// Which runs are compared with what.
 pub struct Runs<'a> {
@@ -106,7 +104,7 @@ fn row(runs: &Runs, number: usize, options: &Options) -> Result<Row> {
     };
     let path = trajectory_at(estimate)?;
     let Evaluation { pairs, ate, rpe, coverage, .. } = compared(&path)?;
-    let live = Some(path.with_file_name(LIVE)).filter(|live| estimate.is_dir() && live.is_file());
+    let live = Some(path.with_file_name(LIVE_TRAJECTORY)).filter(|live| estimate.is_dir() && live.is_file());
     Ok(Row {
         estimate: estimate.display().to_string(),
         truth: truth.display().to_string(),

@@ -5,9 +5,9 @@ use super::merge_progress::MergeProgress;
 use super::params::ParameterArgs;
 use crate::console::{self, Ended, Ending};
 use crate::interrupt::stop_on_ctrl_c;
-use anyhow::{Result, bail};
+use anyhow::Result;
 use clap::Args;
-use loopbox::blobs::local_files;
+use loopbox::blobs::local_pair;
 use loopbox::open::{Sensors, sensors_at};
 use loopbox::verdicts::{find_verdict, listed_pairs, propose_pairs};
 use std::path::PathBuf;
@@ -55,10 +55,7 @@ pub struct ProposeArgs {
 /// # Errors
 /// When a map cannot be read, they cannot be compared, the verdict cannot be kept, they are not joined, or the user ended it.
 pub fn run(args: &VerdictArgs) -> Result<()> {
-    let maps = [&args.a, &args.b].map(PathBuf::clone);
-    let maps = local_files(&maps, &|text| console::step(args.quiet, text))?;
-    let [a, b] = &maps[..] else { bail!("a verdict is on two maps, and these are {}", maps.len()) };
-    let maps = [a.clone(), b.clone()];
+    let maps = local_pair(&[args.a.clone(), args.b.clone()], &|text| console::step(args.quiet, text))?;
     let options = args.judging.of_either(sensors_at(&maps) == Sensors::Lidars)?;
     let stop = stop_on_ctrl_c("stopping after this step; no verdict will be kept (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);

@@ -50,8 +50,7 @@ impl KeyframeView {
     /// What becomes of the cells of this keyframe in another, where that one has them in view and nothing is known to hide them.
     pub fn match_cells(&self, target: &Self, target_from_self: &Sim3, params: &CellParams) -> Vec<CellMatch> {
         let (own, other) = (self.surface(), target.surface());
-        let depths = [(own, self.depth(own.level)), (other, target.depth(other.level))];
-        let foreground = Foreground::new(depths, target_from_self, params.relative_gap);
+        let foreground = Foreground::new([self, target], target_from_self, params.relative_gap);
         let found = |cell: usize| {
             let plane = own.planes[cell].filter(|_| own.deviations[cell] >= params.min_deviation)?;
             let footprint = Warp { own, other, cell, target_from_self }.footprint(params)?;

@@ -5,7 +5,7 @@
 //! has depths at its outline only, and often none: where the camera has no depth, nothing is known.
 
 use super::surface::{Surface, surrounds};
-use super::view::LevelDepth;
+use super::view::KeyframeView;
 use geometry::Sim3;
 
 /// Fewest nearer points within a footprint that hide it: fewer are errors.
@@ -82,10 +82,12 @@ impl<'a> Foreground<'a> {
     /// The depths of both keyframes at the levels of their surfaces. What is nearer by less than a share `relative_gap` is the same
     /// surface.
     pub(super) fn new(
-        [source, target]: [(&'a Surface, &LevelDepth); 2],
+        [source, target]: [&'a KeyframeView; 2],
         target_from_source: &Sim3,
         relative_gap: f64,
     ) -> Self {
+        let [source, target] =
+            [source, target].map(|view| (view.surface(), view.depth(view.surface().level)));
         let mut cells = vec![Vec::new(); target.0.planes.len()];
         let mut add = |pixel: [f64; 2], inverse_depth: f64, is_own: bool| {
             if let Some(cell) = target.0.cell_at(pixel) {
@@ -119,8 +121,7 @@ impl<'a> Foreground<'a> {
     pub(super) fn visibility(&self, footprint: &Footprint) -> Visibility {
         let within = |seen: &&Seen| footprint.offset(seen.pixel).iter().all(|v| v.abs() <= footprint.half);
         let inside: Vec<&Seen> = self.near(footprint, 0).filter(within).collect();
-        let expected = |seen: &Seen| footprint.inverse_depth_at(footprint.offset(seen.pixel));
-        let nearer = inside.iter().filter(|seen| self.is_nearer(seen, expected(seen))).count();
+        let nearer = inside.iter().filter(|seen| self.is_before(seen, footprint)).count();
         let is_hidden = if inside.len() < FEWEST {
             self.encloses(footprint)
         } else {
@@ -129,7 +130,7 @@ impl<'a> Foreground<'a> {
         if is_hidden {
             return Visibility::Hidden;
         }
-        let own = inside.iter().filter(|seen| seen.is_own && !self.is_nearer(seen, expected(seen)));
+        let own = inside.iter().filter(|seen| seen.is_own && !self.is_before(seen, footprint));
         let is_seen = || surrounds(own.map(|seen| footprint.offset(seen.pixel)), [0.0; 2]);
         if self.is_blind || is_seen() || self.is_plane(footprint) {
             Visibility::Visible
@@ -141,9 +142,8 @@ impl<'a> Foreground<'a> {
     /// Whether the target has a plane there, and nothing nearer as far around as its depths may be.
     fn is_plane(&self, footprint: &Footprint) -> bool {
         let Some(cell) = self.target.cell_at(footprint.middle) else { return false };
-        let nearer =
-            |seen: &&Seen| self.is_nearer(seen, footprint.inverse_depth_at(footprint.offset(seen.pixel)));
-        self.target.planes[cell].is_some() && self.near(footprint, REACH).filter(nearer).count() < FEWEST
+        let nearer = || self.near(footprint, REACH).filter(|seen| self.is_before(seen, footprint)).count();
+        self.target.planes[cell].is_some() && nearer() < FEWEST
     }
 
     /// Whether something nearer is seen around a footprint: in most of the first cells with depths to its left and right, above and
@@ -164,6 +164,11 @@ impl<'a> Foreground<'a> {
             (row + 1..rows).find_map(|y| is_nearer(column, y)),
         ];
         sides.iter().filter(|side| **side == Some(true)).count() >= SIDES
+    }
+
+    /// Whether a point is nearer than the plane of a footprint at the point's pixel.
+    fn is_before(&self, seen: &Seen, footprint: &Footprint) -> bool {
+        self.is_nearer(seen, footprint.inverse_depth_at(footprint.offset(seen.pixel)))
     }
 
     fn is_nearer(&self, seen: &Seen, inverse_depth: f64) -> bool {
@@ -188,8 +193,6 @@ impl<'a> Foreground<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::KeyframeView;
-    use super::super::surface::Surface;
     use super::*;
     use geometry::{GrayImage, Pinhole, Pyramid};
     use map::SemiDense;
@@ -213,11 +216,9 @@ mod tests {
 
     /// Visibility in `target` of the wall at a pixel that both cameras share.
     fn visibility(source: &KeyframeView, target: &KeyframeView, pixel: [f64; 2]) -> Visibility {
-        let surfaces: [&Surface; 2] = [source.surface(), target.surface()];
-        let depths = [(surfaces[0], source.depth(0)), (surfaces[1], target.depth(0))];
         let along = [[1.0, 0.0], [0.0, 1.0]];
         let footprint = Footprint { middle: pixel, along, inverse_depth: 0.5, slope: [0.0; 2], half: 7.0 };
-        Foreground::new(depths, &Sim3::identity(), 0.05).visibility(&footprint)
+        Foreground::new([source, target], &Sim3::identity(), 0.05).visibility(&footprint)
     }
 
     /// A box of 60 by 60 pixels around the middle of the image.

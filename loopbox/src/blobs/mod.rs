@@ -17,7 +17,7 @@ mod uri;
 pub use bucket::BucketBlobs;
 pub use folder::FolderBlobs;
 pub use memory::MemoryBlobs;
-pub use uri::{LocalMap, Place, local_files, local_maps, open};
+pub use uri::{LocalMap, Place, local_files, local_maps, local_pair, open};
 
 use anyhow::Result;
 use std::fmt::Debug;

@@ -1,7 +1,7 @@
 //! Places of objects as people name them: a folder, or a URI.
 
 use super::{Blobs, FolderBlobs};
-use anyhow::{Result, bail};
+use anyhow::{Result, anyhow, bail};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -89,6 +89,17 @@ pub struct LocalMap {
 /// As [`local_maps`].
 pub fn local_files(maps: &[PathBuf], tell: &dyn Fn(&str)) -> Result<Vec<PathBuf>> {
     Ok(local_maps(maps, tell)?.into_iter().map(|map| map.local).collect())
+}
+
+/// The files of two maps.
+///
+/// # Errors
+/// As [`local_maps`], and when they are not two: a name may stand for several.
+pub fn local_pair(maps: &[PathBuf; 2], tell: &dyn Fn(&str)) -> Result<[PathBuf; 2]> {
+    let files = local_files(maps, tell)?;
+    files
+        .try_into()
+        .map_err(|files: Vec<_>| anyhow!("a verdict is on two maps, and these are {}", files.len()))
 }
 
 #[cfg(not(feature = "object-store"))]

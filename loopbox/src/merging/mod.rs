@@ -23,6 +23,7 @@ pub use crate::results::keep_from;
 pub(crate) use incremental::Seen;
 pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
+pub(crate) use looking::pairs;
 pub use mixed::{MixedAgent, MixedMerged, MixedOptions, MixedPairResult, MixedRecord, merge_mixed};
 pub(crate) use names::untaken;
 pub use names::{Names, listed};
@@ -37,7 +38,7 @@ pub use verdict::{isolated_agents, verdict};
 #[cfg(feature = "fleet")]
 pub(crate) use {
     batches::{Groups, Known, Share},
-    looking::{Batch, Looked, look, pairs},
+    looking::{Batch, Looked, look},
     making::common_map,
     places::Places,
     verdict::refusal_of,

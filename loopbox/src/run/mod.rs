@@ -34,6 +34,7 @@ pub use listening::{Listeners, MapListener, Seen};
 pub use live_map::free_bytes;
 pub use options::{PreparedRun, RunOptions, run};
 pub use outlook::{CameraNumbers, Outlook};
+pub use output::LIVE_TRAJECTORY;
 pub(crate) use output::TRAJECTORY;
 pub use output::TrajectoryFormat;
 pub use progress::{Progress, Silent};

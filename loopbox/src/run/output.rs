@@ -23,7 +23,8 @@ pub enum TrajectoryFormat {
 
 pub const MAP: &str = "map.mcap";
 pub const TRAJECTORY: &str = "trajectory.txt";
-const HANDED_OUT: &str = "trajectory-live.txt";
+/// The poses as they were handed out, before what came later corrected them.
+pub const LIVE_TRAJECTORY: &str = "trajectory-live.txt";
 const CLOUD: &str = "cloud.ply";
 const REPORT: &str = "report.html";
 const NUMBERS: &str = "run.json";
@@ -137,7 +138,7 @@ impl Output {
             map::save_ply(cloud, map, CloudSelection::of_results(max_variance))?;
         }
         let Some(map) = fragments.first() else { return Ok(()) };
-        self.save_trajectory(HANDED_OUT.to_owned(), &handed_out(&record.rows), format)?;
+        self.save_trajectory(LIVE_TRAJECTORY.to_owned(), &handed_out(&record.rows), format)?;
         let rows: Vec<report::FrameRow> = record.rows.iter().map(|row| row.for_report()).collect();
         let input =
             ReportInput { title: &record.source.path, map, rows: &rows, numbers: &record.headline_numbers() };
@@ -159,7 +160,7 @@ impl Output {
         let (grown, file) = (self.results.live_map()?.to_owned(), self.results.file(MAP)?);
         std::fs::rename(&grown, &file).with_context(|| format!("{}: cannot be moved", grown.display()))?;
         self.save_trajectory(TRAJECTORY.to_owned(), &map.trajectory(), format)?;
-        self.save_trajectory(HANDED_OUT.to_owned(), &handed_out(&record.rows), format)?;
+        self.save_trajectory(LIVE_TRAJECTORY.to_owned(), &handed_out(&record.rows), format)?;
         self.complete(record)
     }
 
@@ -323,7 +324,11 @@ mod tests {
                 .map(|entry| entry.expect("a file").file_name().to_string_lossy().into_owned())
                 .collect();
             names.sort();
-            assert_eq!(names, [MAP, NUMBERS, HANDED_OUT, TRAJECTORY], "of the earlier run nothing is left");
+            assert_eq!(
+                names,
+                [MAP, NUMBERS, LIVE_TRAJECTORY, TRAJECTORY],
+                "of the earlier run nothing is left"
+            );
         }
     }
 }

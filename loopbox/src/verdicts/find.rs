@@ -135,9 +135,8 @@ pub fn propose_pairs(
     match sensors_at(&maps) {
         Sensors::Cameras => {}
         Sensors::Lidars => {
-            let pair = |a: usize, b: usize| [called(a), called(b)];
-            let pairs = (1..maps.len()).flat_map(|b| (0..b).map(move |a| pair(a, b)));
-            return Ok(pairs.map(|maps| ProposedPair { maps, score: None, places: None }).collect());
+            let pair = |pair: [usize; 2]| ProposedPair { maps: pair.map(called), score: None, places: None };
+            return Ok(merging::pairs(maps.len()).map(pair).collect());
         }
         Sensors::Mixed => {
             bail!("a map holds agents of both kinds; `loopbox unmerge` gives each agent's own map")

@@ -303,7 +303,7 @@ impl<'a> LidarVerdicts<'a> {
     pub fn objects(&self) -> BTreeSet<String> {
         let pair =
             |[a, b]: [usize; 2]| VerdictKey::of_lidars([&self.maps[a], &self.maps[b]], self.params).object();
-        (1..self.maps.len()).flat_map(|b| (0..b).map(move |a| [a, b])).map(pair).collect()
+        crate::merging::pairs(self.maps.len()).map(pair).collect()
     }
 
     /// What is known of two inputs, which stand in `order`.

@@ -46,9 +46,9 @@ impl Search<'_> {
                 Ok(FoundLens { camera, focal_deviation, stated: guess.stated.clone() })
             };
             let found = refined(&start, guess.spread, self.map_with, self.stop)?;
-            match (found.map(|found| self.repeated(found, &start)), guess.stated.is_some()) {
+            match (found, guess.stated.is_some()) {
                 (Ok(found), is_stated) => {
-                    let found = found?;
+                    let found = self.repeated(found, &start)?;
                     if is_stated && found.focal_deviation > guess.spread {
                         return Ok(Ok(as_found(&start, guess.spread)?));
                     }
