@@ -7,7 +7,7 @@ use crate::node::{Config, Event, Node};
 use crate::publishing::Publisher;
 use crate::store::{Cut, FolderStore, Store};
 use crate::test_support::{Faults, Network, agent, config, map};
-use crate::wire::{MAX_PART, Message, Offer, Role};
+use crate::wire::{MAX_PART, MapVersion, Message, Role};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
@@ -48,7 +48,7 @@ fn restart(network: &mut Network, room: &Path) {
 fn an_object_that_is_missing_or_corrupt_here_is_no_fault_of_its_publisher() {
     let room = tempfile::tempdir().unwrap();
     let mut network = publishing_network(room.path());
-    assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_acknowledged()));
     let snapshot = network.nodes[0].snapshots().next().unwrap();
     let (_, file) = image(&network, &room.path().join("station"));
     let mut bytes = std::fs::read(&file).unwrap();
@@ -66,7 +66,7 @@ fn an_object_that_is_missing_or_corrupt_here_is_no_fault_of_its_publisher() {
 fn a_banned_peer_is_accepted_again_after_some_minutes() {
     let room = tempfile::tempdir().unwrap();
     let mut network = publishing_network(room.path());
-    assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_acknowledged()));
     network.event(0, Event::Ban { agent: agent(7), reason: "it cannot be decoded".into() });
     let end = network.now + SECONDS(60);
     assert!(!network.run_until(end, |network| network.whole(0, agent(7)).is_some()));
@@ -79,7 +79,7 @@ fn what_is_missing_after_a_power_cut_is_not_acknowledged_and_is_fetched_again() 
     for is_empty in [true, false] {
         let room = tempfile::tempdir().unwrap();
         let mut network = publishing_network(room.path());
-        assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
+        assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_acknowledged()));
         let (_, file) = image(&network, &room.path().join("station"));
         if is_empty {
             std::fs::write(&file, b"").unwrap()
@@ -94,12 +94,12 @@ fn what_is_missing_after_a_power_cut_is_not_acknowledged_and_is_fetched_again() 
         let is_whole = network.run_until(end, |network| {
             let link = network.nodes[1].status(network.now).neighbours;
             let is_there = link.iter().any(|link| link.address.is_some() && link.lacks.is_some());
-            is_acknowledged_early |= is_there && network.nodes[1].is_held() && lacks(network);
+            is_acknowledged_early |= is_there && network.nodes[1].is_acknowledged() && lacks(network);
             !lacks(network)
         });
         assert!(is_whole && !is_acknowledged_early, "{is_whole} {is_acknowledged_early}");
         let end = network.now + SECONDS(5);
-        assert!(network.run_until(end, |network| network.nodes[1].is_held()));
+        assert!(network.run_until(end, |network| network.nodes[1].is_acknowledged()));
     }
 }
 
@@ -118,7 +118,7 @@ fn a_rotten_file_of_an_agent_costs_that_object_and_no_link() {
     // Told again, the file is whole again.
     network.publish(1, &mut Publisher::new(agent(7), 200), &map(agent(7), 8), true);
     let end = network.now + SECONDS(60);
-    assert!(network.run_until(end, |network| network.nodes[1].is_held()));
+    assert!(network.run_until(end, |network| network.nodes[1].is_acknowledged()));
     assert!(network.stores[1].get(&hash).is_some());
 }
 
@@ -127,7 +127,7 @@ fn a_rotten_file_of_an_agent_costs_that_object_and_no_link() {
 fn a_node_that_stood_still_for_less_than_others_bear_closes_no_link() {
     let mut network = Network::new(4, 22, Faults::NONE);
     network.run_until(Duration::from_millis(3950), |_| false);
-    network.forge(0, &Message::Held { agent: agent(9), begun: 1, revision: 1, missing: 1 }.to_bytes());
+    network.forge(0, &Message::Stored { agent: agent(9), begun: 1, revision: 1, missing: 1 }.to_bytes());
     network.stall(0, Duration::from_millis(7800));
     network.run_until(SECONDS(30), |_| false);
     assert_eq!(network.closed, 0);
@@ -153,11 +153,11 @@ fn while_a_disk_stalls_links_stay_and_nothing_is_acknowledged() {
         })
     };
     assert!(until(&mut network, SECONDS(30), |network| network.whole(0, agent(7)).is_some()));
-    assert!(!until(&mut network, SECONDS(30), |network| network.nodes[1].is_held()));
+    assert!(!until(&mut network, SECONDS(30), |network| network.nodes[1].is_acknowledged()));
     assert_eq!(network.closed, 0);
     disks[0].set_stalled(false);
-    assert!(until(&mut network, SECONDS(100), |network| network.nodes[1].is_held()));
-    // And what is held outlasts a power cut.
+    assert!(until(&mut network, SECONDS(100), |network| network.nodes[1].is_acknowledged()));
+    // And what is acknowledged outlasts a power cut.
     let after = Node::new(config(0, Role::Station), on(&disks[0].cut()));
     assert!(after.snapshots().next().is_some_and(|snapshot| snapshot.missing == 0));
 }
@@ -168,13 +168,13 @@ fn what_a_later_version_needs_no_more_stays_as_long_as_somebody_reads() {
     let mut network = Network::new(2, 28, Faults::NONE);
     let (mut publisher, mut map) = (Publisher::new(agent(7), 100), map(agent(7), 4));
     network.publish(1, &mut publisher, &map, false);
-    assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(20), |network| network.nodes[1].is_acknowledged()));
     let pin = network.stores[0].pin();
     let before = network.nodes[0].snapshots().next().unwrap().entries;
     map.keyframes.values_mut().for_each(|keyframe| keyframe.world_from_keyframe.translation.x += 1.0);
     network.publish(1, &mut publisher, &map, false);
     let end = network.now + SECONDS(20);
-    assert!(network.run_until(end, |network| network.nodes[1].is_held()));
+    assert!(network.run_until(end, |network| network.nodes[1].is_acknowledged()));
     let end = network.now + SECONDS(2);
     network.run_until(end, |_| false);
     let gone = |network: &Network| {
@@ -201,11 +201,11 @@ fn acknowledgements_of_maps_that_nobody_publishes_are_not_kept() {
     let mut network = Network::new(3, 24, Faults::NONE);
     network.publish(0, &mut Publisher::new(agent(9), 100), &map(agent(9), 1), true);
     network.run_until(SECONDS(2), |_| false);
-    let held = |number: u64| {
+    let stored = |number: u64| {
         let agent = agent(1000 + u128::from(number));
-        Message::Held { agent, begun: 1 << 40, revision: number, missing: 0 }.to_bytes()
+        Message::Stored { agent, begun: 1 << 40, revision: number, missing: 0 }.to_bytes()
     };
-    flood(&mut network, held);
+    flood(&mut network, stored);
     assert!(network.nodes[0].remembered() < 10, "{}", network.nodes[0].remembered());
     assert_eq!(network.closed, 0);
 }
@@ -217,9 +217,10 @@ fn lists_of_more_objects_than_one_may_tell_are_refused_before_they_are_kept() {
     let manifest = Manifest { agent: agent(7), begun: 5, revision: 1, finished: false, pages };
     let bytes = manifest.to_bytes();
     let hash = ObjectHash::of(&bytes);
-    let offer = Offer { agent: agent(7), begun: 5, revision: 1, newest: 1, size: bytes.len() as u32, hash };
+    let version =
+        MapVersion { agent: agent(7), begun: 5, revision: 1, newest: 1, size: bytes.len() as u32, hash };
     network.run_until(SECONDS(2), |_| false);
-    network.forge(1, &Message::State { offer, signature: None }.to_bytes());
+    network.forge(1, &Message::State { version, signature: None }.to_bytes());
     for (offset, part) in (0..).step_by(MAX_PART).zip(bytes.chunks(MAX_PART)) {
         network.forge(1, &Message::Part { hash, offset, bytes: part.to_vec() }.to_bytes());
     }
@@ -239,7 +240,8 @@ fn a_version_costs_as_much_among_many_maps_as_among_few() {
         for (number, (publisher, map)) in maps.iter_mut().enumerate() {
             network.publish(number + 1, publisher, map, false);
         }
-        let all = |network: &Network| (1..=agents).all(|node| network.nodes[node].is_held_by_station());
+        let all =
+            |network: &Network| (1..=agents).all(|node| network.nodes[node].is_acknowledged_by_station());
         assert!(network.run_until(SECONDS(60), all));
         let before = network.nodes[0].looked_at();
         for keyframe in maps[0].1.keyframes.values_mut() {

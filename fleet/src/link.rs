@@ -13,13 +13,13 @@ use std::collections::{BTreeMap, HashMap};
 use std::time::Duration;
 
 /// What parts are made of, bytes: the smallest part but for an object's last.
-const UNIT: usize = 4096;
+const BLOCK: usize = 4096;
 /// Time that the window covers beside a round trip.
 const WINDOW_TIME: Duration = Duration::from_millis(500);
 /// Time that a part should take on the link: a state that waits for one waits no longer.
 const PART_TIME: Duration = Duration::from_millis(50);
 /// The window before anything is known of a link, bytes: half a second of 256 kbit/s.
-const FIRST_WINDOW: usize = 4 * UNIT;
+const FIRST_WINDOW: usize = 4 * BLOCK;
 /// Largest window, bytes: what a neighbour may be asked for at once.
 const LARGEST_WINDOW: usize = 4 << 20;
 /// Bytes of objects that are here in part, per neighbour: a neighbour that begins all and ends none is asked no more.
@@ -39,7 +39,7 @@ const RATE_TIME: Duration = Duration::from_millis(50);
 
 /// An object to be fetched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Want {
+pub struct ObjectRef {
     /// Which.
     pub hash: ObjectHash,
     /// Its size, bytes.
@@ -48,7 +48,7 @@ pub struct Want {
 
 /// What became of a part that came.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Taken {
+pub enum PartOutcome {
     /// It was wanted, and more of the object is missing.
     More,
     /// The object is whole and what it should be.
@@ -60,7 +60,7 @@ pub enum Taken {
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Unit {
+enum BlockState {
     Missing,
     Requested,
     Here,
@@ -69,7 +69,7 @@ enum Unit {
 /// An object of which some is here.
 struct Begun {
     bytes: Vec<u8>,
-    units: Vec<Unit>,
+    blocks: Vec<BlockState>,
     left: usize,
 }
 
@@ -77,7 +77,7 @@ struct Begun {
 struct Request {
     hash: ObjectHash,
     first: usize,
-    units: usize,
+    blocks: usize,
     sent: Duration,
 }
 
@@ -85,7 +85,7 @@ struct Request {
 #[derive(Default)]
 pub struct Fetch {
     /// What is wanted, in its order, and where in that order each is.
-    queue: BTreeMap<usize, Want>,
+    queue: BTreeMap<usize, ObjectRef>,
     places: HashMap<ObjectHash, usize>,
     begun: BTreeMap<ObjectHash, Begun>,
     outstanding: Vec<Request>,
@@ -98,7 +98,7 @@ pub struct Fetch {
 
 impl Fetch {
     /// What is wanted from now on, the most urgent first. What is here of objects that are still wanted stays.
-    pub fn want(&mut self, queue: Vec<Want>) {
+    pub fn set_queue(&mut self, queue: Vec<ObjectRef>) {
         self.places = queue.iter().map(|want| want.hash).zip(0..).collect();
         self.begun.retain(|hash, _| self.places.contains_key(hash));
         self.outstanding.retain(|request| self.places.contains_key(&request.hash));
@@ -106,7 +106,7 @@ impl Fetch {
     }
 
     /// How many objects are wanted.
-    pub fn wanted(&self) -> usize {
+    pub fn queued(&self) -> usize {
         self.queue.len()
     }
 
@@ -138,7 +138,7 @@ impl Fetch {
             late.iter().for_each(|request| self.release(request));
         }
         let mut room = self.pace.window().saturating_sub(self.outstanding_bytes());
-        let longest = self.pace.part() / UNIT;
+        let longest = self.pace.part() / BLOCK;
         let mut begun_bytes: usize = self.begun.values().map(|begun| begun.bytes.len()).sum();
         let mut asked = Vec::new();
         for want in self.queue.values() {
@@ -151,78 +151,82 @@ impl Fetch {
                     break;
                 }
                 begun_bytes += size;
-                let units = vec![Unit::Missing; size.div_ceil(UNIT).max(1)];
-                free.insert(Begun { bytes: vec![0; size], left: units.len(), units });
+                let blocks = vec![BlockState::Missing; size.div_ceil(BLOCK).max(1)];
+                free.insert(Begun { bytes: vec![0; size], left: blocks.len(), blocks });
             }
             let Some(begun) = self.begun.get_mut(&want.hash) else { continue };
             while room > 0 {
-                let Some(first) = begun.units.iter().position(|unit| *unit == Unit::Missing) else { break };
-                let run =
-                    begun.units[first..].iter().take(longest).take_while(|unit| **unit == Unit::Missing);
-                let units = run.count();
-                begun.units[first..first + units].fill(Unit::Requested);
-                let length = (begun.bytes.len() - first * UNIT).min(units * UNIT);
-                self.outstanding.push(Request { hash: want.hash, first, units, sent: now });
-                let (offset, length) = ((first * UNIT) as u32, length as u32);
+                let Some(first) = begun.blocks.iter().position(|block| *block == BlockState::Missing) else {
+                    break;
+                };
+                let run = begun.blocks[first..]
+                    .iter()
+                    .take(longest)
+                    .take_while(|block| **block == BlockState::Missing);
+                let blocks = run.count();
+                begun.blocks[first..first + blocks].fill(BlockState::Requested);
+                let length = (begun.bytes.len() - first * BLOCK).min(blocks * BLOCK);
+                self.outstanding.push(Request { hash: want.hash, first, blocks, sent: now });
+                let (offset, length) = ((first * BLOCK) as u32, length as u32);
                 asked.push(Message::Get { hash: want.hash, offset, length });
-                room = room.saturating_sub(units * UNIT);
+                room = room.saturating_sub(blocks * BLOCK);
             }
         }
         asked
     }
 
     /// Takes a part that came.
-    pub fn take(&mut self, now: Duration, hash: &ObjectHash, offset: u32, part: &[u8]) -> Taken {
+    pub fn handle_part(&mut self, now: Duration, hash: &ObjectHash, offset: u32, part: &[u8]) -> PartOutcome {
         self.received += part.len() as u64;
-        let first = offset as usize / UNIT;
+        let first = offset as usize / BLOCK;
         let matching = |request: &Request| request.hash == *hash && request.first == first;
         let answered = self.outstanding.iter().position(matching).map(|at| self.outstanding.swap_remove(at));
         let round_trip = answered.as_ref().map(|request| now.saturating_sub(request.sent));
         self.pace.came(now, part.len(), round_trip, !self.outstanding.is_empty());
         let fits = |begun: &&mut Begun| {
             let end = offset as usize + part.len();
-            let whole = end == begun.bytes.len() || part.len().is_multiple_of(UNIT);
-            (offset as usize).is_multiple_of(UNIT) && end <= begun.bytes.len() && whole
+            let whole = end == begun.bytes.len() || part.len().is_multiple_of(BLOCK);
+            (offset as usize).is_multiple_of(BLOCK) && end <= begun.bytes.len() && whole
         };
         let Some(begun) = self.begun.get_mut(hash).filter(fits) else {
             self.useless += part.len() as u64;
-            return Taken::Unwanted;
+            return PartOutcome::Unwanted;
         };
         begun.bytes[offset as usize..offset as usize + part.len()].copy_from_slice(part);
-        let units = part.len().div_ceil(UNIT).max(1);
-        let mut news = false;
-        for unit in begun.units.iter_mut().skip(first).take(units) {
-            if *unit != Unit::Here {
-                news = true;
+        let blocks = part.len().div_ceil(BLOCK).max(1);
+        let mut is_new = false;
+        for block in begun.blocks.iter_mut().skip(first).take(blocks) {
+            if *block != BlockState::Here {
+                is_new = true;
                 begun.left -= 1;
             }
-            *unit = Unit::Here;
+            *block = BlockState::Here;
         }
-        if let Some(request) = answered.filter(|request| request.units > units) {
+        if let Some(request) = answered.filter(|request| request.blocks > blocks) {
             // It sent less than was asked for.
             self.release(&request);
         }
-        if !news {
+        if !is_new {
             self.useless += part.len() as u64;
-            return Taken::Unwanted;
+            return PartOutcome::Unwanted;
         }
         if self.begun.get(hash).is_some_and(|begun| begun.left > 0) {
-            return Taken::More;
+            return PartOutcome::More;
         }
-        self.drop_want(hash);
+        self.remove_queued(hash);
         match self.begun.remove(hash) {
-            Some(begun) if ObjectHash::of(&begun.bytes) == *hash => Taken::Whole(begun.bytes),
-            _ => Taken::Wrong,
+            Some(begun) if ObjectHash::of(&begun.bytes) == *hash => PartOutcome::Whole(begun.bytes),
+            _ => PartOutcome::Wrong,
         }
     }
 
     /// An object is not to be had from this neighbour; whether it was wanted.
     pub fn drop_object(&mut self, hash: &ObjectHash) -> bool {
         self.begun.remove(hash);
-        self.drop_want(hash)
+        self.remove_queued(hash)
     }
 
-    fn drop_want(&mut self, hash: &ObjectHash) -> bool {
+    fn remove_queued(&mut self, hash: &ObjectHash) -> bool {
         self.outstanding.retain(|request| request.hash != *hash);
         let place = self.places.remove(hash);
         place.is_some_and(|place| self.queue.remove(&place).is_some())
@@ -231,12 +235,14 @@ impl Fetch {
     /// What a request asked for and is not here is missing again.
     fn release(&mut self, request: &Request) {
         let Some(begun) = self.begun.get_mut(&request.hash) else { return };
-        let units = begun.units.iter_mut().skip(request.first).take(request.units);
-        units.filter(|unit| **unit == Unit::Requested).for_each(|unit| *unit = Unit::Missing);
+        let blocks = begun.blocks.iter_mut().skip(request.first).take(request.blocks);
+        blocks
+            .filter(|block| **block == BlockState::Requested)
+            .for_each(|block| *block = BlockState::Missing);
     }
 
     fn outstanding_bytes(&self) -> usize {
-        self.outstanding.iter().map(|request| request.units * UNIT).sum()
+        self.outstanding.iter().map(|request| request.blocks * BLOCK).sum()
     }
 }
 
@@ -307,8 +313,8 @@ impl Pace {
     }
 
     fn part(&self) -> usize {
-        let units = (self.rate * PART_TIME.as_secs_f64()) as usize / UNIT;
-        units.clamp(1, MAX_PART / UNIT) * UNIT
+        let blocks = (self.rate * PART_TIME.as_secs_f64()) as usize / BLOCK;
+        blocks.clamp(1, MAX_PART / BLOCK) * BLOCK
     }
 
     fn patience(&self) -> Duration {

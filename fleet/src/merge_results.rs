@@ -18,9 +18,9 @@ pub const NOT_YET: &str = "not yet";
 
 /// Where agents are, and who met whom.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-pub struct Found {
+pub struct MergeResults {
     /// Every agent whose map could be looked at.
-    pub agents: Vec<FoundAgent>,
+    pub agents: Vec<PlacedAgent>,
     /// Every two of them.
     #[serde(rename = "meetings")]
     pub pair_verdicts: Vec<PairVerdict>,
@@ -28,7 +28,7 @@ pub struct Found {
 
 /// An agent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct FoundAgent {
+pub struct PlacedAgent {
     /// Its identity, `UUID/EPOCH`.
     pub agent: String,
     /// What people call it.
@@ -60,14 +60,14 @@ pub struct PairVerdict {
     pub pending: bool,
 }
 
-impl Found {
+impl MergeResults {
     /// What `other` found, and this of what that says nothing of. Agents that only this joins stand in one frame
     /// afterwards, that of the most of them.
     pub fn overlaid_by(self, other: &Self) -> Self {
         let mut all = other.clone();
         for new in &self.agents {
             if all.place(&new.agent).is_none() {
-                all.agents.push(FoundAgent {
+                all.agents.push(PlacedAgent {
                     root: new.agent.clone(),
                     root_from_agent: ALONE,
                     ..new.clone()
@@ -109,9 +109,9 @@ impl Found {
 
     /// Brings agents that hang together, placed in a frame of their own, into one frame here: that in which the most
     /// already are, of equals the one that is theirs as well, together with all who hang together with one of them.
-    fn join(&mut self, together: Vec<&FoundAgent>) {
+    fn join(&mut self, together: Vec<&PlacedAgent>) {
         let size = |root: &String| self.agents.iter().filter(|agent| agent.root == *root).count();
-        let rank = |new: &&&FoundAgent| {
+        let rank = |new: &&&PlacedAgent| {
             let size = self.place(&new.agent).map_or(0, |(root, _)| size(root));
             (size, new.agent == new.root)
         };
@@ -186,14 +186,14 @@ impl Found {
 
 /// What was found, to be told to many, each what concerns it.
 pub struct ByAgent {
-    found: Arc<Found>,
+    found: Arc<MergeResults>,
     /// Of each agent the pairs of which it is one.
     pair_verdicts: BTreeMap<String, Vec<usize>>,
 }
 
 impl ByAgent {
     /// Of all that was found.
-    pub fn new(found: Arc<Found>) -> Self {
+    pub fn new(found: Arc<MergeResults>) -> Self {
         let mut pair_verdicts = BTreeMap::<String, Vec<usize>>::new();
         for (number, pair) in found.pair_verdicts.iter().enumerate() {
             pair.agents.iter().for_each(|agent| pair_verdicts.entry(agent.clone()).or_default().push(number));
@@ -203,8 +203,8 @@ impl ByAgent {
 
     /// What concerns some agents: where they are, and then who stands in one frame with them, before all others; and the
     /// pairs of which they are one, what was accepted before what was not. Of nobody in particular it is all.
-    pub fn about(&self, agents: &BTreeSet<String>) -> Found {
-        let is_one = |agent: &FoundAgent| agents.contains(&agent.agent);
+    pub fn about(&self, agents: &BTreeSet<String>) -> MergeResults {
+        let is_one = |agent: &PlacedAgent| agents.contains(&agent.agent);
         let mut all = self.found.agents.clone();
         let roots: BTreeSet<String> = all.iter().filter(|a| is_one(a)).map(|a| a.root.clone()).collect();
         all.sort_by_key(|agent| (!is_one(agent), !roots.contains(&agent.root)));
@@ -217,7 +217,7 @@ impl ByAgent {
         let mut pair_verdicts: Vec<PairVerdict> =
             numbers.into_iter().map(|number| self.found.pair_verdicts[number].clone()).collect();
         pair_verdicts.sort_by_key(|pair| pair.verdict != ACCEPTED);
-        Found { agents: all, pair_verdicts }
+        MergeResults { agents: all, pair_verdicts }
     }
 }
 
@@ -248,8 +248,8 @@ mod tests {
     use proptest::sample::Index;
 
     /// Agents by name, each with its root and how far along x and by which scale it stands in the root's world.
-    fn found(agents: &[(&str, &str, f64, f64)]) -> Found {
-        let agent = |(agent, root, x, scale): &(&str, &str, f64, f64)| FoundAgent {
+    fn found(agents: &[(&str, &str, f64, f64)]) -> MergeResults {
+        let agent = |(agent, root, x, scale): &(&str, &str, f64, f64)| PlacedAgent {
             agent: (*agent).into(),
             name: (*agent).into(),
             keyframes: 9,
@@ -257,11 +257,11 @@ mod tests {
             root: (*root).into(),
             root_from_agent: [*x, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, *scale],
         };
-        Found { agents: agents.iter().map(agent).collect(), pair_verdicts: Vec::new() }
+        MergeResults { agents: agents.iter().map(agent).collect(), pair_verdicts: Vec::new() }
     }
 
-    fn places(found: &Found) -> Vec<(&str, &str, f64, f64)> {
-        let place = |agent: &FoundAgent| agent.root_from_agent;
+    fn places(found: &MergeResults) -> Vec<(&str, &str, f64, f64)> {
+        let place = |agent: &PlacedAgent| agent.root_from_agent;
         let agents = found.agents.iter();
         agents.map(|a| (a.agent.as_str(), a.root.as_str(), place(a)[0], place(a)[7])).collect()
     }
@@ -286,12 +286,12 @@ mod tests {
         // What whole maps say of each other stands.
         let other = found(&[("a", "a", 0.0, 1.0), ("b", "a", 5.0, 3.0)]);
         assert_eq!(places(&other.overlaid_by(&whole)), places(&whole));
-        assert_eq!(places(&Found::default().overlaid_by(&whole)), places(&whole));
+        assert_eq!(places(&MergeResults::default().overlaid_by(&whole)), places(&whole));
     }
 
     #[test]
     fn places_where_none_can_be_are_refused() {
-        let read = |found: &Found| Found::from_bytes(&found.to_bytes());
+        let read = |found: &MergeResults| MergeResults::from_bytes(&found.to_bytes());
         let results = found(&[("a", "a", 0.0, 1.0), ("b", "a", 4.0, 2.0)]);
         assert_eq!(read(&results), Ok(results.clone()));
         for (number, value) in [(6, 0.0), (6, 2.0), (7, 0.0), (7, -1.0)] {
@@ -304,15 +304,15 @@ mod tests {
         wrong.agents[1].root_from_agent[0] = f64::NAN;
         assert!(read(&wrong).is_err());
         let huge = String::from_utf8(results.to_bytes()).unwrap().replace("4.0", "4e999");
-        assert!(Found::from_bytes(huge.as_bytes()).is_err());
+        assert!(MergeResults::from_bytes(huge.as_bytes()).is_err());
     }
 
     /// What a neighbour may tell: agents that share roots, or have roots that nobody has, and any meetings of them.
-    fn anything() -> impl Strategy<Value = Found> {
+    fn anything() -> impl Strategy<Value = MergeResults> {
         let agent = (0..5u8, 0..7u8, -1e6..1e6f64, 1e-3..1e3f64);
         let pair = (0..7u8, 0..7u8, 0..3usize, any::<bool>());
         (vec(agent, 0..6), vec(pair, 0..9)).prop_map(|(agents, pair_verdicts)| {
-            let agents = agents.into_iter().map(|(agent, root, x, scale)| FoundAgent {
+            let agents = agents.into_iter().map(|(agent, root, x, scale)| PlacedAgent {
                 agent: agent.to_string(),
                 name: format!("\"{agent}\u{e9}"),
                 keyframes: 9,
@@ -327,12 +327,12 @@ mod tests {
                 why: pending.then(|| "it is looked at".into()),
                 pending,
             });
-            Found { agents: agents.collect(), pair_verdicts: pair_verdicts.collect() }
+            MergeResults { agents: agents.collect(), pair_verdicts: pair_verdicts.collect() }
         })
     }
 
     /// So many agents, of which every two were looked at, each with a reason of its own, as reasons are.
-    fn of_hundreds(count: usize) -> (Vec<String>, Found) {
+    fn of_hundreds(count: usize) -> (Vec<String>, MergeResults) {
         let named =
             |number: usize| (format!("00000000-0000-8000-8000-{number:012}/0"), format!("agent-{number:03}"));
         let agents: Vec<String> = (0..count).map(|number| named(number).0).collect();
@@ -362,7 +362,7 @@ mod tests {
             for own in [0, count / 2, count - 1] {
                 let bytes = all.about(&[agents[own].clone()].into()).to_bytes_within(limit);
                 assert!(bytes.len() < limit / 4, "{}", bytes.len());
-                let read = Found::from_bytes(&bytes).unwrap();
+                let read = MergeResults::from_bytes(&bytes).unwrap();
                 assert_eq!((read.agents.len(), read.pair_verdicts.len()), (count, count - 1));
                 assert_eq!(read.agents[0].agent, agents[own]);
                 assert_eq!(read.accepted(), if own == 0 || own == count - 1 { 1 } else { 2 });
@@ -371,7 +371,7 @@ mod tests {
         // A station that tells nothing itself is told what fits: who met before who did not.
         let (_, all) = of_hundreds(300);
         let bytes = ByAgent::new(all.into()).about(&BTreeSet::new()).to_bytes_within(limit);
-        let read = Found::from_bytes(&bytes).unwrap();
+        let read = MergeResults::from_bytes(&bytes).unwrap();
         assert!(bytes.len() <= limit && read.agents.len() == 300 && read.accepted() == 299);
         assert!(read.pair_verdicts.len() > 300);
     }
@@ -388,8 +388,8 @@ mod tests {
             pending: false,
         });
         let before = serde_json::to_vec(&results).unwrap();
-        assert_eq!(Found::from_bytes(&before), Ok(results));
-        let read = |text: &str| Found::from_bytes(text.as_bytes()).unwrap_err();
+        assert_eq!(MergeResults::from_bytes(&before), Ok(results));
+        let read = |text: &str| MergeResults::from_bytes(text.as_bytes()).unwrap_err();
         assert!(
             read(r#"{"who":[["a","a"]],"texts":["x"],"pairs":[[0,1,0,null,false]]}"#)
                 .contains("agent 1 of 1")
@@ -416,7 +416,7 @@ mod tests {
             if is_cut {
                 bytes.truncate(end.index(bytes.len()));
             }
-            match Found::from_bytes(&bytes) {
+            match MergeResults::from_bytes(&bytes) {
                 Ok(read) => {
                     prop_assert!(read.agents.iter().all(|agent| is_place(&agent.root_from_agent)));
                     prop_assert!(!damage.is_empty() || read.pair_verdicts == results.pair_verdicts);
@@ -428,7 +428,7 @@ mod tests {
         /// Whatever was told before, agents stay where they can be, and each stands there once.
         #[test]
         fn overlaid_results_are_what_can_be(new in anything(), old in anything()) {
-            let agents = |found: &Found| found.agents.iter().map(|agent| agent.agent.clone()).collect::<BTreeSet<_>>();
+            let agents = |found: &MergeResults| found.agents.iter().map(|agent| agent.agent.clone()).collect::<BTreeSet<_>>();
             let all = new.clone().overlaid_by(&old);
             prop_assert_eq!(agents(&all), &agents(&new) | &agents(&old));
             prop_assert!(all.agents.len() <= old.agents.len() + agents(&new).len());

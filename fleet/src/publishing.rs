@@ -4,7 +4,7 @@ use crate::hash::ObjectHash;
 use crate::lossy_codec::digest::Digest;
 use crate::lossy_codec::{depth, image};
 use crate::manifest::{ENTRIES, Entry, Kind, MAX_OBJECT, Manifest, Page, PageRef, page_to_bytes};
-use crate::wire::Offer;
+use crate::wire::MapVersion;
 use features::codec;
 use geometry::Pinhole;
 use map::parts::{GraphPart, agent_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes, scan_to_bytes};
@@ -24,7 +24,7 @@ const FRAMES: usize = 512;
 #[derive(Clone, Debug)]
 pub struct Publication {
     /// What is told of it.
-    pub offer: Offer,
+    pub version: MapVersion,
     /// The objects that the version before did not have, the manifest and its pages among them.
     pub objects: Vec<(ObjectHash, Arc<[u8]>)>,
     /// The manifest of this version.
@@ -143,8 +143,8 @@ impl Publisher {
         let bytes = manifest.to_bytes();
         let (size, hash) = (bytes.len() as u32, ObjectHash::of(&bytes));
         objects.push((hash, bytes.into()));
-        let offer = Offer { agent, begun, revision, newest, size, hash };
-        Publication { offer, objects, manifest, pages }
+        let version = MapVersion { agent, begun, revision, newest, size, hash };
+        Publication { version, objects, manifest, pages }
     }
 }
 

@@ -4,8 +4,8 @@ mod serving;
 
 use crate::keys::Keys;
 use crate::manifest::Kind;
-use crate::merge_results::Found;
-use crate::node::{Action, Config, Event, MapSnapshot, News, Node, Quota, Status};
+use crate::merge_results::MergeResults;
+use crate::node::{Action, Config, Event, MapSnapshot, Node, Notice, Quota, Status};
 use crate::publishing::Publication;
 use crate::store::{FolderStore, Store};
 use crate::transport::tcp::Tcp;
@@ -67,7 +67,7 @@ struct Shared {
     /// Told when there is something to be looked at at once.
     changed: Condvar,
     /// Publications that were handed in.
-    given: AtomicU64,
+    submitted: AtomicU64,
 }
 
 /// What others may know of the node.
@@ -76,9 +76,9 @@ struct View {
     status: Status,
     snapshots: Vec<MapSnapshot>,
     own: Vec<MapSnapshot>,
-    is_held: bool,
+    is_acknowledged: bool,
     /// Publications that the node took in.
-    taken: u64,
+    processed: u64,
     /// Whether something of own maps could not be kept.
     is_unkept: bool,
     /// How often something came that somebody waits for, as [`Node::arrivals`] counts it.
@@ -87,11 +87,11 @@ struct View {
 }
 
 impl Service {
-    /// Starts a node; `news` is told what happens, in its thread.
+    /// Starts a node; `notify` is called with what happens, in its thread.
     ///
     /// # Errors
     /// When the folder cannot be used or an address not be listened at.
-    pub fn start(options: ServiceOptions, news: impl FnMut(News) + Send + 'static) -> Result<Self> {
+    pub fn start(options: ServiceOptions, notify: impl FnMut(Notice) + Send + 'static) -> Result<Self> {
         let folder = &options.folder;
         let store = FolderStore::open(folder)
             .with_context(|| format!("{}: objects cannot be kept there", folder.display()))?;
@@ -113,14 +113,14 @@ impl Service {
         let config = Config { node, role, name, quota, waits, versions, signer };
         let node = Node::new(config, Arc::clone(&store) as Arc<dyn Store>);
         let shared = Arc::new(Shared::default());
-        shared.look(&node, Duration::ZERO);
+        shared.refresh(&node, Duration::ZERO);
         shared.view().own = node.own_maps();
         let of_thread = Arc::clone(&shared);
         let tcp = Arc::new(tcp);
         let serving =
             Serving::start(Arc::clone(&store) as Arc<dyn Store>, Arc::clone(&tcp) as Arc<dyn Transport>)
                 .context("cannot start a thread")?;
-        let work = move || attend(node, &events, &*tcp, &serving, &of_thread, news);
+        let work = move || run_node(node, &events, &*tcp, &serving, &of_thread, notify);
         let thread = std::thread::Builder::new().name("fleet".into()).spawn(work);
         let thread = Some(thread.context("cannot start a thread")?);
         Ok(Self { commands: Some(commands), shared, store, listening, thread })
@@ -133,13 +133,13 @@ impl Service {
 
     /// Tells a new version of a map; never waits.
     pub fn publish(&self, publication: Publication) {
-        self.shared.given.fetch_add(1, Ordering::SeqCst);
-        self.tell(Event::Publish(Box::new(publication)));
+        self.shared.submitted.fetch_add(1, Ordering::SeqCst);
+        self.send(Event::Publish(Box::new(publication)));
     }
 
     /// Tells what was found out; `revision` is larger than before.
-    pub fn publish_results(&self, revision: u64, found: Arc<Found>) {
-        self.tell(Event::Results { revision, found });
+    pub fn publish_results(&self, revision: u64, found: Arc<MergeResults>) {
+        self.send(Event::Results { revision, found });
     }
 
     /// How things are.
@@ -160,18 +160,18 @@ impl Service {
     /// These objects of keyframes of an agent are to come before others, the most wanted first, and if `rest` all
     /// others after them. Before this is said, a node that waits gets lists and places of keyframes only.
     pub fn prefer(&self, agent: Identity, objects: Vec<(Kind, u32)>, rest: bool) {
-        self.tell(Event::Prefer { agent, objects, rest });
+        self.send(Event::Prefer { agent, objects, rest });
     }
 
     /// What was told of an agent is not to be believed: whoever told it is refused.
     pub fn ban(&self, agent: Identity, reason: String) {
-        self.tell(Event::Ban { agent, reason });
+        self.send(Event::Ban { agent, reason });
     }
 
     /// Whether all neighbours that are there hold all own maps as they were published last; false without one.
-    pub fn is_held(&self) -> bool {
+    pub fn is_acknowledged(&self) -> bool {
         let view = self.shared.view();
-        view.is_held && view.taken == self.shared.given.load(Ordering::SeqCst)
+        view.is_acknowledged && view.processed == self.shared.submitted.load(Ordering::SeqCst)
     }
 
     /// Whether something of own maps could not be kept since this was asked last, so that all of them is to be published anew
@@ -206,7 +206,7 @@ impl Service {
         Arc::clone(&self.store)
     }
 
-    fn tell(&self, event: Event) {
+    fn send(&self, event: Event) {
         if let Some(commands) = &self.commands {
             // A thread that broke down tells nobody anything.
             let _ = commands.send(event);
@@ -231,21 +231,22 @@ impl Shared {
     }
 
     /// Shows how the node is.
-    fn look(&self, node: &Node, now: Duration) {
-        let (status, snapshots, is_held) = (node.status(now), node.snapshots().collect(), node.is_held());
+    fn refresh(&self, node: &Node, now: Duration) {
+        let (status, snapshots, is_acknowledged) =
+            (node.status(now), node.snapshots().collect(), node.is_acknowledged());
         let mut view = self.view();
-        (view.status, view.snapshots, view.is_held) = (status, snapshots, is_held);
+        (view.status, view.snapshots, view.is_acknowledged) = (status, snapshots, is_acknowledged);
     }
 }
 
 /// Gives the node what happens, and does what it wants done, until the end.
-fn attend(
+fn run_node(
     mut node: Node,
     events: &Receiver<Event>,
     transport: &dyn Transport,
     serving: &Serving,
     shared: &Shared,
-    mut news: impl FnMut(News),
+    mut notify: impl FnMut(Notice),
 ) {
     let started = Instant::now();
     let (mut looked, mut arrivals) = (Duration::ZERO, node.arrivals());
@@ -269,23 +270,23 @@ fn attend(
             if matches!(event, Event::Publish(_)) {
                 let mut view = shared.view();
                 // Nobody holds what is just being told.
-                (view.taken, view.is_held) = (view.taken + 1, false);
+                (view.processed, view.is_acknowledged) = (view.processed + 1, false);
             }
-            node.take(started.elapsed(), event);
+            node.apply(started.elapsed(), event);
             if let Some((link, bytes)) = came {
                 transport.looked_at(link, bytes);
             }
         }
         let now = started.elapsed();
-        for action in node.go_on(now) {
+        for action in node.step(now) {
             match action {
                 Action::Send { link, priority, bytes } => transport.send(link, priority, bytes),
                 Action::Serve { link, hash, offset, length } => serving.ask(link, (hash, offset, length)),
                 Action::Close { link, .. } => transport.close(link),
-                Action::News(News::Unkept) => shared.view().is_unkept = true,
-                Action::News(what) => {
-                    is_own |= matches!(what, News::Published { .. });
-                    news(what);
+                Action::Notify(Notice::Unkept) => shared.view().is_unkept = true,
+                Action::Notify(notice) => {
+                    is_own |= matches!(notice, Notice::Published { .. });
+                    notify(notice);
                 }
             }
         }
@@ -296,7 +297,7 @@ fn attend(
         let is_arrival = arrivals != node.arrivals();
         let passed = now.saturating_sub(looked);
         if is_own || is_arrival && passed >= SHOW[0] || passed >= SHOW[1] {
-            shared.look(&node, now);
+            shared.refresh(&node, now);
             looked = now;
             if std::mem::replace(&mut arrivals, node.arrivals()) != arrivals {
                 shared.view().arrivals += 1;

@@ -1,7 +1,7 @@
 //! Small maps, and a network of which every fault is drawn from a seed.
 
 use crate::keys::Peer;
-use crate::node::{Action, Config, Event, LinkId, News, Node, Quota, part_of};
+use crate::node::{Action, Config, Event, LinkId, Node, Notice, Quota, part_of};
 use crate::publishing::Publisher;
 use crate::store::{MemoryStore, Store};
 use crate::wire::{Message, Role, VERSIONS};
@@ -126,7 +126,7 @@ pub struct Network {
     pub faults: Faults,
     /// From whom to whom nothing comes.
     pub cut: Vec<(usize, usize)>,
-    pub news: Vec<Vec<News>>,
+    pub notices: Vec<Vec<Notice>>,
     /// Bytes of parts of objects that were sent.
     pub parts_sent: u64,
     /// All bytes that were sent.
@@ -177,7 +177,7 @@ impl Network {
         let reopen = pairs.map(|pair| (Duration::ZERO, pair)).collect();
         Self {
             now: Duration::ZERO,
-            news: nodes.iter().map(|_| Vec::new()).collect(),
+            notices: nodes.iter().map(|_| Vec::new()).collect(),
             nodes,
             stores,
             faults,
@@ -235,7 +235,7 @@ impl Network {
                     self.send(node, link, message.to_bytes());
                 }
                 Action::Close { link, .. } => self.end(node, link),
-                Action::News(news) => self.news[node].push(news),
+                Action::Notify(notice) => self.notices[node].push(notice),
             }
         }
         if self.settles {
@@ -364,8 +364,8 @@ impl Network {
 
     /// What was told of trouble.
     pub fn trouble(&self, node: usize) -> Vec<String> {
-        let trouble = self.news[node].iter().filter_map(|news| match news {
-            News::Trouble(text) => Some(text.clone()),
+        let trouble = self.notices[node].iter().filter_map(|notice| match notice {
+            Notice::Trouble(text) => Some(text.clone()),
             _ => None,
         });
         trouble.collect()

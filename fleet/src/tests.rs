@@ -2,11 +2,11 @@
 
 use crate::link;
 use crate::manifest::Kind;
-use crate::node::{Event, News};
+use crate::node::{Event, Notice};
 use crate::publishing::Publisher;
 use crate::store::{FolderStore, Objects, Store};
 use crate::test_support::{Faults, Network, Random, agent, lidar_map, map};
-use crate::wire::{Message, Offer};
+use crate::wire::{MapVersion, Message};
 use map::{KeyframeId, Map};
 use std::sync::Arc;
 use std::time::Duration;
@@ -35,7 +35,11 @@ fn publishing_network(keyframes: u32, seed: u64, faults: Faults) -> (Network, Ma
 #[test]
 fn a_map_arrives_bit_by_bit_and_is_acknowledged() {
     let (mut network, map, _) = publishing_network(12, 1, Faults::NONE);
-    assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()), "{:?}", network.news);
+    assert!(
+        network.run_until(SECONDS(10), |network| network.nodes[1].is_acknowledged()),
+        "{:?}",
+        network.notices
+    );
     assert!(network.whole(0, agent(7)).unwrap() == map);
     let objects: u64 = 12 * 31_000;
     assert!(network.parts_sent < objects * 2, "{}", network.parts_sent);
@@ -46,7 +50,7 @@ fn a_map_arrives_bit_by_bit_and_is_acknowledged() {
         network.parts_sent
     );
     assert!(network.now < SECONDS(2), "{:?}", network.now);
-    assert!(network.news[1].iter().any(|news| matches!(news, News::Held { .. })));
+    assert!(network.notices[1].iter().any(|notice| matches!(notice, Notice::Stored { .. })));
     assert_eq!(network.nodes[0].status(network.now).neighbours[0].useless, 0);
 }
 
@@ -55,9 +59,12 @@ fn a_map_arrives_bit_by_bit_and_is_acknowledged() {
 fn a_new_neighbour_is_announced_at_once() {
     let (mut network, ..) = publishing_network(1, 1, Faults::NONE);
     let met = |network: &Network| {
-        network.news.iter().all(|news| news.iter().any(|news| matches!(news, News::Met { .. })))
+        network
+            .notices
+            .iter()
+            .all(|notices| notices.iter().any(|notice| matches!(notice, Notice::Connected { .. })))
     };
-    assert!(network.run_until(MILLIS(500), met), "{:?}", network.news);
+    assert!(network.run_until(MILLIS(500), met), "{:?}", network.notices);
 }
 
 #[test]
@@ -89,7 +96,7 @@ fn a_lidars_map_arrives_bit_by_bit_while_it_grows() {
     assert_eq!(scans.count(), 1, "only the last keyframe is new");
     let mut again = Publisher::new(agent(7), 200);
     network.publish(1, &mut again, &map, true);
-    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_acknowledged()));
     assert!(network.whole(0, agent(7)).unwrap() == map);
 }
 
@@ -102,7 +109,8 @@ fn scans_that_are_not_there_or_of_another_keyframe_are_refused() {
     for (hash, bytes) in &published.objects {
         store.put(hash, bytes.clone());
     }
-    let manifest = crate::manifest::Manifest::from_bytes(&store.get(&published.offer.hash).unwrap()).unwrap();
+    let manifest =
+        crate::manifest::Manifest::from_bytes(&store.get(&published.version.hash).unwrap()).unwrap();
     let entries = crate::assembling::entries_of(&manifest, &store).unwrap().unwrap();
     let assemble = |entries: &[crate::manifest::Entry]| {
         crate::assembling::Assembler::default().assemble(agent(7), entries, &store, None)
@@ -123,7 +131,7 @@ fn whatever_is_lost_late_twice_or_overtaken_the_same_map_arrives() {
             let delay = [MILLIS(delay / 2), MILLIS(delay)];
             let faults = Faults { loss, twice: 0.05, delay, rate: 2e6 };
             let (mut network, map, _) = publishing_network(8, seed, faults);
-            let done = network.run_until(SECONDS(600), |network| network.nodes[1].is_held());
+            let done = network.run_until(SECONDS(600), |network| network.nodes[1].is_acknowledged());
             assert!(done, "{faults:?}: {:?}", network.nodes[0].status(network.now));
             assert!(network.whole(0, agent(7)).unwrap() == map, "{faults:?}");
         }
@@ -136,7 +144,7 @@ fn at_a_loss_of_a_fifth_not_much_more_is_sent() {
     let sent = |faults: Faults, seed: u64| {
         let limit = SECONDS(if faults.loss > 0.0 { 200 } else { 100 });
         let (mut network, ..) = publishing_network(60, seed, faults);
-        assert!(network.run_until(limit, |network| network.nodes[1].is_held()));
+        assert!(network.run_until(limit, |network| network.nodes[1].is_acknowledged()));
         network.parts_sent as f64
     };
     let all = |faults: Faults| (1..=4).map(|seed| sent(faults, seed)).sum::<f64>();
@@ -164,7 +172,7 @@ fn a_map_that_grows_while_it_is_fetched_arrives_as_it_is_in_the_end() {
     map.keyframes.remove(&KeyframeId(9));
     map.drop_dangling();
     network.publish(1, &mut publisher, &map, true);
-    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_acknowledged()));
     assert!(network.whole(0, agent(7)).unwrap() == map);
     let snapshot = network.nodes[0].snapshots().next().unwrap();
     assert!(snapshot.finished);
@@ -175,7 +183,7 @@ fn a_map_that_grows_while_it_is_fetched_arrives_as_it_is_in_the_end() {
 
 /// The manifest of a map told for the first time.
 fn publisher_object(map: &Map) -> crate::hash::ObjectHash {
-    Publisher::new(agent(7), 100).publish(map, false).unwrap().unwrap().offer.hash
+    Publisher::new(agent(7), 100).publish(map, false).unwrap().unwrap().version.hash
 }
 
 #[test]
@@ -252,8 +260,8 @@ fn what_comes_of_one_map_is_news_whatever_another_one_does_not_send() {
     network.publish(2, &mut of_other, &grown, true);
     let before = network.nodes[0].arrivals();
     let end = network.now + SECONDS(9);
-    let is_news = |network: &Network| network.nodes[0].arrivals() > before;
-    assert!(network.run_until(end, is_news), "nobody learns that more of a map came");
+    let has_changed = |network: &Network| network.nodes[0].arrivals() > before;
+    assert!(network.run_until(end, has_changed), "nobody learns that more of a map came");
 }
 
 #[test]
@@ -296,7 +304,10 @@ fn what_was_interrupted_resumes_where_it_was() {
             network.run_until(since + SECONDS(5), |network| lacks(network) < healed),
             "{cut:?} {seconds}"
         );
-        assert!(network.run_until(since + SECONDS(60), |network| network.nodes[1].is_held()), "{cut:?}");
+        assert!(
+            network.run_until(since + SECONDS(60), |network| network.nodes[1].is_acknowledged()),
+            "{cut:?}"
+        );
         assert!(network.whole(0, agent(7)).unwrap() == map);
         let useless = network.nodes[0].status(network.now).neighbours[0].useless;
         assert!(useless <= crate::wire::MAX_PART as u64, "{useless} bytes came again");
@@ -317,7 +328,7 @@ fn a_slow_link_stays_open_and_states_come_through() {
         published[0].missing > 0 && network.whole(0, agent(7)).is_none()
     };
     assert!(network.run_until(since + SECONDS(5), knows));
-    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(100), |network| network.nodes[1].is_acknowledged()));
     assert_eq!(network.closed, 0);
     assert!(network.waited < SECONDS(3), "{:?}", network.waited);
     assert!(network.whole(0, agent(7)).unwrap() == grown);
@@ -338,11 +349,11 @@ fn nothing_acknowledged_is_lost_however_often_somebody_is_killed() {
         network.publish(1, &mut publisher, &first(&map, keyframes), false);
         let until = network.now + MILLIS(50 + numbers.below(4000));
         network.run_until(until, |_| false);
-        let version = |news: &News| match news {
-            News::Held { version, .. } => Some(version.1),
+        let version = |notice: &Notice| match notice {
+            Notice::Stored { version, .. } => Some(version.1),
             _ => None,
         };
-        acknowledged = network.news[1].iter().filter_map(version).max().unwrap_or(0).max(acknowledged);
+        acknowledged = network.notices[1].iter().filter_map(version).max().unwrap_or(0).max(acknowledged);
         let killed = numbers.index(2);
         // The system lets go of what a killed process held.
         network.stores[killed] = Arc::new(crate::store::MemoryStore::default());
@@ -364,14 +375,14 @@ fn nothing_acknowledged_is_lost_however_often_somebody_is_killed() {
     assert!(acknowledged > 3, "{acknowledged}");
     network.publish(1, &mut publisher, &map, true);
     let end = network.now + SECONDS(60);
-    assert!(network.run_until(end, |network| network.nodes[1].is_held()));
+    assert!(network.run_until(end, |network| network.nodes[1].is_acknowledged()));
     assert!(network.whole(0, agent(7)).unwrap() == map);
 }
 
 #[test]
 fn an_older_map_of_an_agent_does_not_take_the_place_of_a_newer() {
     let (mut network, map, _) = publishing_network(6, 10, Faults::NONE);
-    assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_acknowledged()));
     // The run is repeated, by a clock that is right, and by one that is not.
     for (begun, keyframes, expected) in [(200, 3, 3), (50, 5, 3)] {
         let mut again = Publisher::new(agent(7), begun);
@@ -394,8 +405,8 @@ fn an_older_map_of_an_agent_does_not_take_the_place_of_a_newer() {
 fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_receives_the_reason() {
     let hash = crate::hash::ObjectHash::of(b"no object");
     let state = |agent, hash, size| {
-        let offer = Offer { agent, begun: 1 << 60, revision: 1, newest: 1, size, hash };
-        Message::State { offer, signature: None }.to_bytes()
+        let version = MapVersion { agent, begun: 1 << 60, revision: 1, newest: 1, size, hash };
+        Message::State { version, signature: None }.to_bytes()
     };
     let cases: [(Vec<u8>, &str); 3] = [
         (vec![99; 50], "no message"),
@@ -411,7 +422,7 @@ fn a_neighbour_that_sends_rubbish_loses_its_own_link_and_receives_the_reason() {
         network.run_until(SECONDS(2), |_| false);
         network.forge(2, &bytes);
         network.run_until(SECONDS(6), |_| false);
-        assert!(network.run_until(SECONDS(40), |network| network.nodes[1].is_held()), "{words}");
+        assert!(network.run_until(SECONDS(40), |network| network.nodes[1].is_acknowledged()), "{words}");
         assert!(network.whole(0, agent(7)).unwrap() == map);
         assert!(network.trouble(0).iter().any(|text| text.contains(words)), "{:?}", network.trouble(0));
         assert!(network.trouble(2).iter().any(|text| text.contains(words)), "{:?}", network.trouble(2));
@@ -426,13 +437,14 @@ fn of_a_newer_version(agent: map::Identity) -> crate::publishing::Publication {
     let mut published = Publisher::new(agent, 1).publish(&lidar_map(agent, 3), true).unwrap().unwrap();
     let bytes_of =
         |hash: ObjectHash| published.objects.iter().find(|(name, _)| *name == hash).unwrap().1.to_vec();
-    let mut manifest = Manifest::from_bytes(&bytes_of(published.offer.hash)).unwrap();
+    let mut manifest = Manifest::from_bytes(&bytes_of(published.version.hash)).unwrap();
     let mut page = bytes_of(manifest.pages[0].hash);
     page[6] = 99;
     manifest.pages[0] = PageRef { size: page.len() as u32, hash: ObjectHash::of(&page) };
     let list = manifest.to_bytes();
     published.manifest = manifest;
-    published.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..published.offer };
+    published.version =
+        MapVersion { size: list.len() as u32, hash: ObjectHash::of(&list), ..published.version };
     for bytes in [page, list] {
         published.objects.push((ObjectHash::of(&bytes), bytes.into()));
     }
@@ -497,7 +509,7 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
     let mut network = Network::new(3, 14, faults);
     network.run_until(SECONDS(3), |_| false);
     let found = |revision: u64| {
-        let agent = crate::merge_results::FoundAgent {
+        let agent = crate::merge_results::PlacedAgent {
             agent: agent(7).to_string(),
             name: "x".repeat(9000),
             keyframes: revision as usize,
@@ -505,7 +517,7 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
             root: agent(7).to_string(),
             root_from_agent: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0],
         };
-        crate::merge_results::Found { agents: vec![agent], pair_verdicts: Vec::new() }
+        crate::merge_results::MergeResults { agents: vec![agent], pair_verdicts: Vec::new() }
     };
     for revision in 1..=5 {
         network.event(0, Event::Results { revision, found: found(revision).into() });
@@ -515,8 +527,8 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
     let until = network.now + SECONDS(10);
     network.run_until(until, |_| false);
     for node in [1, 2] {
-        let last = network.news[node].iter().rev().find_map(|news| match news {
-            News::Results { bytes, .. } => crate::merge_results::Found::from_bytes(bytes).ok(),
+        let last = network.notices[node].iter().rev().find_map(|notice| match notice {
+            Notice::Results { bytes, .. } => crate::merge_results::MergeResults::from_bytes(bytes).ok(),
             _ => None,
         });
         assert_eq!(last, Some(found(5)));
@@ -526,13 +538,13 @@ fn what_was_found_out_comes_to_all_and_only_the_newest_stays() {
 /// Of so many agents that all of it would be more than one message of findings may hold.
 #[test]
 fn each_receives_its_place_however_many_others_there_are() {
-    use crate::merge_results::{ACCEPTED, Found, FoundAgent, PairVerdict};
+    use crate::merge_results::{ACCEPTED, MergeResults, PairVerdict, PlacedAgent};
     let (mut network, ..) = publishing_network(1, 3, Faults { rate: 1e7, ..Faults::NONE });
-    assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_held()));
+    assert!(network.run_until(SECONDS(10), |network| network.nodes[1].is_acknowledged()));
     let all: Vec<String> = (0..300).map(|number| agent(7 + number).to_string()).collect();
-    let mut found = Found::default();
+    let mut found = MergeResults::default();
     for (number, name) in all.iter().enumerate() {
-        found.agents.push(FoundAgent {
+        found.agents.push(PlacedAgent {
             agent: name.clone(),
             name: format!("agent-{number}"),
             keyframes: 9,
@@ -551,8 +563,8 @@ fn each_receives_its_place_however_many_others_there_are() {
     assert!(found.to_bytes().len() > crate::manifest::MAX_LIST as usize);
     network.event(0, Event::Results { revision: 1, found: found.into() });
     let is_received = |network: &Network| {
-        let received = network.news[1].iter().find_map(|news| match news {
-            News::Results { bytes, .. } => Found::from_bytes(bytes).ok(),
+        let received = network.notices[1].iter().find_map(|notice| match notice {
+            Notice::Results { bytes, .. } => MergeResults::from_bytes(bytes).ok(),
             _ => None,
         });
         received.is_some_and(|received| received.agents.len() == 300 && received.pair_verdicts.len() == 299)
@@ -566,13 +578,13 @@ fn a_part_that_does_not_fit_is_no_part() {
     let bytes: Vec<u8> = (0..9000).map(|i| i as u8).collect();
     let hash = crate::hash::ObjectHash::of(&bytes);
     let mut fetch = link::Fetch::default();
-    fetch.want(vec![link::Want { hash, size: 9000 }]);
+    fetch.set_queue(vec![link::ObjectRef { hash, size: 9000 }]);
     assert!(!fetch.requests(Duration::ZERO).is_empty());
-    let mut take = |offset: u32, part: &[u8]| fetch.take(MILLIS(1), &hash, offset, part);
+    let mut handle = |offset: u32, part: &[u8]| fetch.handle_part(MILLIS(1), &hash, offset, part);
     for (offset, length) in [(8192, 4096), (u32::MAX, 10), (5, 4096), (0, 100), (4096, 5000)] {
-        assert_eq!(take(offset, &vec![0; length]), link::Taken::Unwanted, "{offset} {length}");
+        assert_eq!(handle(offset, &vec![0; length]), link::PartOutcome::Unwanted, "{offset} {length}");
     }
-    assert_eq!(take(8192, &bytes[8192..]), link::Taken::More);
-    assert_eq!(take(8192, &bytes[8192..]), link::Taken::Unwanted);
-    assert_eq!(take(0, &bytes[..8192]), link::Taken::Whole(bytes.clone()));
+    assert_eq!(handle(8192, &bytes[8192..]), link::PartOutcome::More);
+    assert_eq!(handle(8192, &bytes[8192..]), link::PartOutcome::Unwanted);
+    assert_eq!(handle(0, &bytes[..8192]), link::PartOutcome::Whole(bytes.clone()));
 }

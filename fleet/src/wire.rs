@@ -36,7 +36,7 @@ pub enum Role {
 
 /// A version of an agent's map that can be asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Offer {
+pub struct MapVersion {
     /// Whose map.
     pub agent: Identity,
     /// When the agent began to tell it, see [`Manifest::begun`](crate::manifest::Manifest::begun).
@@ -51,9 +51,9 @@ pub struct Offer {
     pub hash: ObjectHash,
 }
 
-impl Offer {
+impl MapVersion {
     /// What orders versions of one map: a later one is larger.
-    pub fn version(&self) -> (u64, u64) {
+    pub fn order(&self) -> (u64, u64) {
         (self.begun, self.revision)
     }
 
@@ -96,7 +96,7 @@ pub enum Message {
         results: Option<ResultsRef>,
     },
     /// Which versions of the protocol the neighbour speaks; said before [`Hello`](Self::Hello). It goes as the
-    /// [`Held`](Self::Held) of nobody, of which a neighbour that knows version 3 alone makes nothing.
+    /// [`Stored`](Self::Stored) of nobody, of which a neighbour that knows version 3 alone makes nothing.
     Speaks {
         /// The oldest.
         oldest: u16,
@@ -106,12 +106,12 @@ pub enum Message {
     /// What can be asked for.
     State {
         /// It.
-        offer: Offer,
+        version: MapVersion,
         /// The signature under it of the peer whose agent it is, where peers have keys.
         signature: Option<Signature>,
     },
     /// How much of an agent's map is on the neighbour's disk.
-    Held {
+    Stored {
         /// Whose map.
         agent: Identity,
         /// Which version: the last that was complete there.
@@ -193,13 +193,13 @@ impl Message {
                 out.u64((*newest).into());
                 out.u32(0);
             }
-            Self::State { offer, signature } => {
+            Self::State { version, signature } => {
                 out.u8(1);
-                offer.write(&mut out);
+                version.write(&mut out);
                 out.u8(signature.is_some().into());
                 signature.iter().for_each(|signature| out.bytes(signature));
             }
-            Self::Held { agent, begun, revision, missing } => {
+            Self::Stored { agent, begun, revision, missing } => {
                 out.u8(2);
                 out.identity(*agent);
                 out.u64(*begun);
@@ -255,7 +255,7 @@ impl Message {
                 Self::Hello { version, node, role, name, results }
             }
             1 => {
-                let offer = Offer {
+                let version = MapVersion {
                     agent: from.identity()?,
                     begun: from.u64()?,
                     revision: from.u64()?,
@@ -264,7 +264,7 @@ impl Message {
                     hash: ObjectHash(from.array()?),
                 };
                 let signature = flag(from.u8()?)?.then(|| from.array()).transpose()?;
-                Self::State { offer, signature }
+                Self::State { version, signature }
             }
             2 => {
                 let (agent, begun, revision, missing) =
@@ -274,7 +274,7 @@ impl Message {
                     (Ok(oldest), Ok(newest)) if agent == NOBODY && missing == 0 => {
                         Self::Speaks { oldest, newest }
                     }
-                    _ => Self::Held { agent, begun, revision, missing },
+                    _ => Self::Stored { agent, begun, revision, missing },
                 }
             }
             3 => Self::Get {
@@ -311,13 +311,13 @@ mod tests {
             name: "ü".repeat(MAX_NAME / 2),
             results,
         };
-        let offer = Offer { agent, begun: 1 << 40, revision: 6, newest: 7, size: 8, hash };
+        let version = MapVersion { agent, begun: 1 << 40, revision: 6, newest: 7, size: 8, hash };
         vec![
             hello(None),
             hello(results),
-            Message::State { offer, signature: None },
-            Message::State { offer, signature: Some([9; 64]) },
-            Message::Held { agent, begun: 1 << 40, revision: 6, missing: 2 },
+            Message::State { version, signature: None },
+            Message::State { version, signature: Some([9; 64]) },
+            Message::Stored { agent, begun: 1 << 40, revision: 6, missing: 2 },
             Message::Speaks { oldest: 3, newest: 7 },
             Message::Get { hash, offset: 4096, length: MAX_PART as u32 },
             Message::Part { hash, offset: 4096, bytes: vec![7; MAX_PART] },
@@ -333,13 +333,13 @@ mod tests {
             assert_eq!(Message::from_bytes(&bytes), Ok(message.clone()));
             assert!(bytes.len() <= MAX_MESSAGE);
             let pushed =
-                matches!(message, Message::Hello { .. } | Message::State { .. } | Message::Held { .. });
+                matches!(message, Message::Hello { .. } | Message::State { .. } | Message::Stored { .. });
             assert!(!pushed || bytes.len() <= 200, "{} bytes", bytes.len());
         }
     }
 
-    /// Version 3 reads a kind, UUID, epoch, two numbers of eight bytes and one of four, and keeps it as what is held of an agent
-    /// that nobody tells.
+    /// Version 3 reads a kind, UUID, epoch, two numbers of eight bytes and one of four, and keeps it as an acknowledgement of the map of an agent
+    /// that nobody has published.
     #[test]
     fn who_knows_version_3_alone_reads_which_versions_are_spoken_as_a_message_that_says_nothing() {
         let bytes = Message::Speaks { oldest: 3, newest: 4 }.to_bytes();

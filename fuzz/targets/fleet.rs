@@ -4,7 +4,7 @@
 use fleet::keys::Peer;
 use fleet::lossy_codec::{depth, digest::Digest, image};
 use fleet::manifest::{Manifest, page_from_bytes, page_to_bytes};
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use fleet::wire::Message;
 use geometry::{GrayImage, Pinhole};
 use map::parts::{
@@ -66,10 +66,10 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
 
 /// What a neighbour found out, put beside other things and told on.
 fn check_results(bytes: &[u8]) {
-    let Ok(found) = Found::from_bytes(bytes) else { return };
-    let again = Found::from_bytes(&found.to_bytes()).map(|again| (again.agents.len(), again.pair_verdicts));
+    let Ok(found) = MergeResults::from_bytes(bytes) else { return };
+    let again = MergeResults::from_bytes(&found.to_bytes()).map(|again| (again.agents.len(), again.pair_verdicts));
     assert_eq!(again, Ok((found.agents.len(), found.pair_verdicts.clone())));
-    let all = found.clone().overlaid_by(&Found::default());
+    let all = found.clone().overlaid_by(&MergeResults::default());
     assert!(all.agents.len() <= found.agents.len() && all.accepted() == found.accepted());
     for agent in &found.agents {
         let _ = found.is_joined(&agent.agent);

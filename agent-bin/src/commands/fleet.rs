@@ -191,7 +191,7 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
     let patience = if args.listen.is_some() { Duration::MAX } else { PATIENCE };
     let held = fleet.hand_over(patience, &stop);
     // What is missing of others' maps is theirs to tell again.
-    fleet.take_over(&stop);
+    fleet.fetch_all(&stop);
     fleet.wait(&ended())?;
     if !held {
         bail!(

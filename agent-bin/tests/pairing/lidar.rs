@@ -4,10 +4,10 @@ use super::common::{arg, loopbox, stderr, stdout};
 use super::{Process, address, bytes, collected, run, status};
 use fleet::hash::ObjectHash;
 use fleet::manifest::{Kind, Manifest, PageRef, page_from_bytes, page_to_bytes};
-use fleet::node::{News, Quota};
+use fleet::node::{Notice, Quota};
 use fleet::publishing::{Publication, Publisher};
 use fleet::service::{Service, ServiceOptions};
-use fleet::wire::{Offer, Role};
+use fleet::wire::{MapVersion, Role};
 use geometry::limits::MAX_SCAN_POINTS;
 use geometry::{GrayImage, Sim3};
 use loopbox_tests::lidar::{HALL, walk, write_recording};
@@ -152,7 +152,7 @@ fn published_with(map: &Map, kind: Kind, bytes: Vec<u8>) -> Publication {
     let of = |hash: ObjectHash| {
         reported.objects.iter().find(|(name, _)| *name == hash).expect("it is told").1.to_vec()
     };
-    let mut manifest = Manifest::from_bytes(&of(reported.offer.hash)).expect("a list");
+    let mut manifest = Manifest::from_bytes(&of(reported.version.hash)).expect("a list");
     // Keyframes come on pages of their own, after all else.
     let last = manifest.pages.last_mut().expect("it has pages");
     let mut entries = page_from_bytes(&of(last.hash)).expect("a page").to_vec();
@@ -163,7 +163,8 @@ fn published_with(map: &Map, kind: Kind, bytes: Vec<u8>) -> Publication {
     let list = manifest.to_bytes();
     *reported.pages.last_mut().expect("it has pages") = entries.into();
     reported.manifest = manifest;
-    reported.offer = Offer { size: list.len() as u32, hash: ObjectHash::of(&list), ..reported.offer };
+    reported.version =
+        MapVersion { size: list.len() as u32, hash: ObjectHash::of(&list), ..reported.version };
     for bytes in [bytes, page, list] {
         reported.objects.push((ObjectHash::of(&bytes), bytes.into()));
     }
@@ -183,8 +184,8 @@ fn peer(folder: &Path, station: &str) -> (Service, Receiver<String>) {
         waits: true,
         keys: None,
     };
-    let service = Service::start(options, move |news| {
-        if let News::Trouble(text) = news {
+    let service = Service::start(options, move |notice| {
+        if let Notice::Trouble(text) = notice {
             let _ = received.send(text);
         }
     });

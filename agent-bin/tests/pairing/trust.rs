@@ -8,7 +8,7 @@ use fleet::manifest::Manifest;
 use fleet::node::Event;
 use fleet::transport::tcp::Tcp;
 use fleet::transport::{Endpoint, Transport};
-use fleet::wire::{Message, Offer, Role, VERSIONS};
+use fleet::wire::{MapVersion, Message, Role, VERSIONS};
 use loopbox::fleet::StatusFile;
 use map::{Identity, Uuid};
 use rustls::pki_types::pem::PemObject;
@@ -109,8 +109,8 @@ impl Peer {
         self.says(&Message::Hello { version: VERSIONS[0], node, role: Role::Agent, name, results: None });
     }
 
-    fn tells(&self, offer: Offer) {
-        self.says(&Message::State { offer, signature: Some(self.keys.signer().sign(&offer)) });
+    fn tells(&self, version: MapVersion) {
+        self.says(&Message::State { version, signature: Some(self.keys.signer().sign(&version)) });
     }
 
     /// Hears why it is refused, be it within TLS or by a message.
@@ -129,11 +129,11 @@ impl Peer {
     }
 }
 
-fn manifest(agent: Identity) -> (Offer, Vec<u8>) {
+fn manifest(agent: Identity) -> (MapVersion, Vec<u8>) {
     let list = Manifest { agent, begun: 5, revision: 1, finished: false, pages: Vec::new() };
     let bytes = list.to_bytes();
     let (size, hash) = (bytes.len() as u32, ObjectHash::of(&bytes));
-    (Offer { agent, begun: 5, revision: 1, newest: 0, size, hash }, bytes)
+    (MapVersion { agent, begun: 5, revision: 1, newest: 0, size, hash }, bytes)
 }
 
 fn agent(number: u128) -> Identity {
@@ -279,21 +279,21 @@ fn a_peer_that_publishes_what_it_does_not_own_or_did_not_sign_is_refused_and_kno
     assert_eq!(car.wait(get), hers.hash);
 
     let (own, _) = manifest(agent(9));
-    let foreign = Offer { begun: 1 << 50, ..hers };
-    let signed = |keys: &Keys, offer: &Offer| Some(keys.signer().sign(offer));
+    let foreign = MapVersion { begun: 1 << 50, ..hers };
+    let signed = |keys: &Keys, version: &MapVersion| Some(keys.signer().sign(version));
     type Forged<'a> = &'a dyn Fn(&Keys) -> Vec<Message>;
     let cases: [(&str, Forged); 4] = [
         ("not mallory's to tell: that agent is car's", &|keys| {
-            vec![Message::State { offer: foreign, signature: signed(keys, &foreign) }]
+            vec![Message::State { version: foreign, signature: signed(keys, &foreign) }]
         }),
-        ("is not signed", &|_| vec![Message::State { offer: own, signature: None }]),
+        ("is not signed", &|_| vec![Message::State { version: own, signature: None }]),
         ("is not that of mallory", &|keys| {
-            let offer = Offer { hash: ObjectHash::of(b"another list"), ..own };
-            vec![Message::State { offer, signature: signed(keys, &own) }]
+            let version = MapVersion { hash: ObjectHash::of(b"another list"), ..own };
+            vec![Message::State { version, signature: signed(keys, &own) }]
         }),
         ("an older version", &|keys| {
-            let older = Offer { begun: 4, ..own };
-            [own, older].map(|offer| Message::State { offer, signature: signed(keys, &offer) }).to_vec()
+            let older = MapVersion { begun: 4, ..own };
+            [own, older].map(|version| Message::State { version, signature: signed(keys, &version) }).to_vec()
         }),
     ];
     for (words, printed) in cases {

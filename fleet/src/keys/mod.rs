@@ -13,7 +13,7 @@ pub use files::{AUTHORITY, CERTIFICATE, KEY, Keys};
 pub use making::{Authority, DAYS, Validity};
 
 use crate::bytes::Writer;
-use crate::wire::Offer;
+use crate::wire::MapVersion;
 use map::Uuid;
 use ring::signature::{ED25519, Ed25519KeyPair, UnparsedPublicKey};
 use rustls::pki_types::CertificateDer;
@@ -68,8 +68,8 @@ impl Peer {
     }
 
     /// Whether the peer told a version of a map.
-    pub fn has_signed(&self, offer: &Offer, signature: &Signature) -> bool {
-        UnparsedPublicKey::new(&ED25519, self.key).verify(&signed(self.id, offer), signature).is_ok()
+    pub fn has_signed(&self, version: &MapVersion, signature: &Signature) -> bool {
+        UnparsedPublicKey::new(&ED25519, self.key).verify(&signed(self.id, version), signature).is_ok()
     }
 }
 
@@ -92,9 +92,9 @@ impl Signer {
     }
 
     /// The signature under a version of a map: with it under the manifest's hash, and so under all of the map.
-    pub fn sign(&self, offer: &Offer) -> Signature {
+    pub fn sign(&self, version: &MapVersion) -> Signature {
         let mut signature = [0; 64];
-        signature.copy_from_slice(self.key.sign(&signed(self.peer.id, offer)).as_ref());
+        signature.copy_from_slice(self.key.sign(&signed(self.peer.id, version)).as_ref());
         signature
     }
 }
@@ -106,9 +106,9 @@ impl std::fmt::Debug for Signer {
 }
 
 /// What is signed of a version of a map that `peer` tells.
-fn signed(peer: Uuid, offer: &Offer) -> Vec<u8> {
+fn signed(peer: Uuid, version: &MapVersion) -> Vec<u8> {
     let mut out = Writer(SIGNED.to_vec());
     out.bytes(peer.as_bytes());
-    offer.write(&mut out);
+    version.write(&mut out);
     out.0
 }

@@ -69,21 +69,22 @@ fn a_signature_is_of_one_peer_and_one_version() {
     let authority = Authority::init(&room.path().join("authority")).unwrap();
     let [a, b] = ["a", "b"].map(|name| keys(&authority, name, &room.path().join(name)));
     let agent = Identity { uuid: Uuid::from_u128(7), epoch: 0 };
-    let offer = Offer { agent, begun: 5, revision: 6, newest: 7, size: 8, hash: ObjectHash::of(b"a list") };
-    let signature = a.signer().sign(&offer);
-    assert!(a.peer().has_signed(&offer, &signature) && !b.peer().has_signed(&offer, &signature));
+    let version =
+        MapVersion { agent, begun: 5, revision: 6, newest: 7, size: 8, hash: ObjectHash::of(b"a list") };
+    let signature = a.signer().sign(&version);
+    assert!(a.peer().has_signed(&version, &signature) && !b.peer().has_signed(&version, &signature));
     let others = [
-        Offer { agent: agent.later(1), ..offer },
-        Offer { begun: 6, ..offer },
-        Offer { revision: 7, ..offer },
-        Offer { newest: 8, ..offer },
-        Offer { size: 9, ..offer },
-        Offer { hash: ObjectHash::of(b"another"), ..offer },
+        MapVersion { agent: agent.later(1), ..version },
+        MapVersion { begun: 6, ..version },
+        MapVersion { revision: 7, ..version },
+        MapVersion { newest: 8, ..version },
+        MapVersion { size: 9, ..version },
+        MapVersion { hash: ObjectHash::of(b"another"), ..version },
     ];
     assert!(others.iter().all(|other| !a.peer().has_signed(other, &signature)));
     let mut forged = signature;
     forged[5] ^= 1;
-    assert!(!a.peer().has_signed(&offer, &forged));
+    assert!(!a.peer().has_signed(&version, &forged));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! What was found out as it goes over a link: who is meant and what is said once, and pairs by the numbers of these. Of a
 //! hundred agents every two were looked at, most of them with the same words.
 
-use super::{Found, FoundAgent, PairVerdict};
+use super::{MergeResults, PairVerdict, PlacedAgent};
 use crate::manifest::MAX_LIST;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ type Pair = (usize, usize, usize, Option<usize>, bool);
 #[derive(Default, Serialize, Deserialize)]
 #[serde(default)]
 pub(super) struct Folded {
-    agents: Vec<FoundAgent>,
+    agents: Vec<PlacedAgent>,
     /// Identities and names.
     who: Vec<(String, String)>,
     /// Verdicts and reasons.
@@ -45,7 +45,7 @@ impl<T: Ord> Numbers<T> {
 }
 
 impl Folded {
-    pub fn of(found: &Found) -> Self {
+    pub fn of(found: &MergeResults) -> Self {
         let (mut who, mut texts) = (Numbers(BTreeMap::new()), Numbers(BTreeMap::new()));
         let pair = |pair_verdict: &PairVerdict| {
             let mut agent =
@@ -61,7 +61,7 @@ impl Folded {
 
     /// # Errors
     /// When a pair has a number that nothing has, or all of them have more text than may be.
-    pub fn unfolded(self) -> Result<Found, String> {
+    pub fn unfolded(self) -> Result<MergeResults, String> {
         let Self { agents, who, texts, pairs, mut pair_verdicts } = self;
         let mut left = MAX_TEXT;
         for (a, b, verdict, why, pending) in pairs {
@@ -84,6 +84,6 @@ impl Folded {
                 pending,
             });
         }
-        Ok(Found { agents, pair_verdicts })
+        Ok(MergeResults { agents, pair_verdicts })
     }
 }

@@ -11,7 +11,7 @@ mod tests;
 use super::{Link, Neighbour, Node};
 use crate::bytes::printable;
 use crate::keys::{Peer, Signature};
-use crate::wire::Offer;
+use crate::wire::MapVersion;
 use map::Uuid;
 use std::time::Duration;
 
@@ -20,8 +20,8 @@ const MOST_NODES: usize = 64;
 
 impl Node {
     /// Under its peer's name, if peers have keys.
-    pub(super) fn signed(&self, offer: &Offer) -> Option<Signature> {
-        self.config.signer.as_ref().map(|signer| signer.sign(offer))
+    pub(super) fn signed(&self, version: &MapVersion) -> Option<Signature> {
+        self.config.signer.as_ref().map(|signer| signer.sign(version))
     }
 
     /// Whom one knows as the node at the other end of a link that calls itself `node`. Of a peer with keys it is made of
@@ -59,17 +59,17 @@ impl Node {
     ///
     /// # Errors
     /// With the reason why not.
-    pub(super) fn may_tell(
+    pub(super) fn authorise(
         &self,
         link: &Link,
-        offer: &Offer,
+        version: &MapVersion,
         signature: Option<&Signature>,
     ) -> Result<(), String> {
-        let agent = offer.agent;
+        let agent = version.agent;
         let Some(signer) = &self.config.signer else { return Ok(()) };
         let peer = link.peer.as_ref().ok_or("it showed no certificate")?;
         let signature = signature.ok_or_else(|| format!("its map of agent {agent} is not signed"))?;
-        if !peer.has_signed(offer, signature) {
+        if !peer.has_signed(version, signature) {
             return Err(format!("the signature under its map of agent {agent} is not that of {}", peer.name));
         }
         let of_others = |owner: &str| {
@@ -79,12 +79,12 @@ impl Node {
         if is_own && peer.id != signer.peer().id {
             return of_others("told here");
         }
-        let mut of_agent = self.remote_maps.values().filter(|remote| remote.offer.agent.uuid == agent.uuid);
+        let mut of_agent = self.remote_maps.values().filter(|remote| remote.version.agent.uuid == agent.uuid);
         if let Some(owner) = of_agent.find_map(|remote| remote.peer.filter(|owner| *owner != peer.id)) {
             return of_others(&self.named(owner));
         }
         match self.remote_maps.get(&agent) {
-            Some(remote) if offer.version() < remote.offer.version() => Err(format!(
+            Some(remote) if version.order() < remote.version.order() => Err(format!(
                 "it tells an older version of the map of agent {agent} than was told before: an earlier run's, or a clock is \
                  wrong"
             )),

@@ -4,7 +4,7 @@ use super::quota::Load;
 use crate::assembling::in_order;
 use crate::hash::ObjectHash;
 use crate::manifest::{Entry, Manifest, Page, sensor_of};
-use crate::wire::Offer;
+use crate::wire::MapVersion;
 use map::SensorKind;
 use std::collections::HashMap;
 use std::collections::hash_map::Entry::{Occupied, Vacant};
@@ -12,7 +12,7 @@ use std::sync::Arc;
 
 /// A version of a map.
 pub(super) struct Lists {
-    pub offer: Offer,
+    pub map_version: MapVersion,
     pub manifest: Manifest,
     /// In the order of the manifest.
     pages: Vec<Page>,
@@ -27,10 +27,10 @@ impl Lists {
     ///
     /// # Errors
     /// When an object is listed twice.
-    pub fn new(offer: Offer, manifest: Manifest, pages: Vec<Page>) -> Result<Self, String> {
+    pub fn new(map_version: MapVersion, manifest: Manifest, pages: Vec<Page>) -> Result<Self, String> {
         let entries = in_order(&pages)?;
         let (load, sensor) = (Load::of(&entries), sensor_of(&entries));
-        Ok(Self { offer, manifest, pages, entries: entries.into(), load, sensor })
+        Ok(Self { map_version, manifest, pages, entries: entries.into(), load, sensor })
     }
 }
 
@@ -65,7 +65,7 @@ impl Ledger {
 
     /// A version is in use.
     pub fn add(&mut self, lists: &Lists) {
-        *self.objects.entry(lists.offer.hash).or_default() += 1;
+        *self.objects.entry(lists.map_version.hash).or_default() += 1;
         for (named, page) in lists.manifest.pages.iter().zip(&lists.pages) {
             let (page, times) = self.pages.entry(named.hash).or_insert_with(|| (Arc::clone(page), 0));
             *times += 1;
@@ -84,7 +84,7 @@ impl Ledger {
     /// A version is in use no more; the objects that no other one needs.
     pub fn remove(&mut self, lists: &Lists) -> Vec<ObjectHash> {
         let mut unused = Vec::new();
-        self.drop_one(lists.offer.hash, &mut unused);
+        self.drop_one(lists.map_version.hash, &mut unused);
         for named in &lists.manifest.pages {
             let Occupied(mut used) = self.pages.entry(named.hash) else { continue };
             used.get_mut().1 -= 1;
@@ -134,8 +134,8 @@ mod tests {
             Manifest { agent: agent(1), begun: 0, revision: 0, finished: false, pages: named.collect() };
         let bytes = manifest.to_bytes();
         let (size, hash) = (bytes.len() as u32, ObjectHash::of(&bytes));
-        let offer = Offer { agent: agent(1), begun: 0, revision: 0, newest: 0, size, hash };
-        Lists::new(offer, manifest, pages).unwrap()
+        let version = MapVersion { agent: agent(1), begun: 0, revision: 0, newest: 0, size, hash };
+        Lists::new(version, manifest, pages).unwrap()
     }
 
     #[test]
@@ -149,7 +149,7 @@ mod tests {
         let unused: BTreeSet<ObjectHash> = ledger.remove(&versions[0]).into_iter().collect();
         assert!(ledger.touched - before < 10, "{}", ledger.touched - before);
         let named = versions[0].manifest.pages[1].hash;
-        let gone = [ObjectHash::of(&201u32.to_le_bytes()), named, versions[0].offer.hash];
+        let gone = [ObjectHash::of(&201u32.to_le_bytes()), named, versions[0].map_version.hash];
         assert_eq!(unused, gone.into());
         assert!(ledger.has(&ObjectHash::of(&200u32.to_le_bytes())) && !ledger.has(&gone[0]));
         assert_eq!(ledger.remove(&versions[1]).len(), 100 + 2 + 2 + 1);

@@ -7,33 +7,33 @@
 //! the store says later what became of what it was given, and what others ask for is read by whoever carries out
 //! [`Action::Serve`].
 
+mod announcing;
 mod authorisation;
-mod hearing;
 mod lists;
 mod publishing;
 mod quota;
+mod receiving;
 mod remote_map;
-mod saying;
 mod status;
 mod types;
 
 pub use quota::Quota;
 pub use status::{AgentStatus, NeighbourStatus, Status};
-pub use types::{Action, Config, Event, LinkId, MapSnapshot, News};
+pub use types::{Action, Config, Event, LinkId, MapSnapshot, Notice};
 
 use crate::hash::ObjectHash;
 use crate::keys::Peer;
 use crate::link::Fetch;
 use crate::manifest::{Kind, Manifest};
 use crate::merge_results::ByAgent;
-use crate::store::{Head, Store, Stored};
-use crate::wire::{Message, Offer, ResultsRef};
+use crate::store::{Head, Store, StoreEvent};
+use crate::wire::{MapVersion, Message, ResultsRef};
+use announcing::SentResults;
 use lists::{Ledger, Lists};
 use map::{Identity, Uuid};
 use publishing::Own;
 use quota::TokenBucket;
 use remote_map::RemoteMap;
-use saying::Retold;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
@@ -101,7 +101,7 @@ struct Neighbour {
     /// When objects are asked for again that could not be had.
     later: BTreeMap<ObjectHash, Duration>,
     /// Of own maps, the last version that it holds whole, and how many objects of the newest it lacks.
-    holds: BTreeMap<Identity, ((u64, u64), u32)>,
+    stored: BTreeMap<Identity, ((u64, u64), u32)>,
     /// What it found out, by its own word.
     results: Option<ResultsRef>,
     /// The revision of what is here of that.
@@ -121,7 +121,7 @@ struct Link {
     /// The oldest and the newest version of the protocol that the other end speaks, where it said so.
     speaks: Option<[u16; 2]>,
     /// What it is told of what was found out.
-    retold: Option<Retold>,
+    sent_results: Option<SentResults>,
 }
 
 impl Node {
@@ -160,7 +160,7 @@ impl Node {
         let Ok(manifest) = Manifest::from_bytes(&bytes) else { return };
         let Ok(Some(pages)) = crate::assembling::pages_of(&manifest, &*self.store) else { return };
         let keyframes = pages.iter().flat_map(|page| page.iter()).filter(|entry| entry.kind == Kind::Depth);
-        let offer = Offer {
+        let version = MapVersion {
             agent,
             begun: manifest.begun,
             revision: manifest.revision,
@@ -168,10 +168,10 @@ impl Node {
             size: bytes.len() as u32,
             hash: head.manifest,
         };
-        let Ok(lists) = Lists::new(offer, manifest, pages).map(Arc::new) else { return };
+        let Ok(lists) = Lists::new(version, manifest, pages).map(Arc::new) else { return };
         if head.own {
             self.of_own.add(&lists);
-            let signature = self.signed(&offer);
+            let signature = self.signed(&version);
             self.own.insert(agent, Own::new(lists, signature));
         } else {
             // As the newest, and as the last that was whole.
@@ -183,20 +183,20 @@ impl Node {
 
     /// What is to be done now that this happened; `now` is the time since any moment, and never less than before.
     pub fn handle(&mut self, now: Duration, event: Event) -> Vec<Action> {
-        self.take(now, event);
-        self.go_on(now)
+        self.apply(now, event);
+        self.step(now)
     }
 
-    /// Takes in what happened. Of several things at once all are taken in before it is looked what is to be done.
-    pub fn take(&mut self, now: Duration, event: Event) {
+    /// Applies an event. Of several events at once all are applied before the next [`step`](Self::step).
+    pub fn apply(&mut self, now: Duration, event: Event) {
         self.now = now;
         match event {
-            Event::Up { link, address, peer } => self.up(now, link, address, peer),
-            Event::Trouble(text) => self.actions.push(Action::News(News::Trouble(text))),
+            Event::Up { link, address, peer } => self.link_opened(now, link, address, peer),
+            Event::Trouble(text) => self.actions.push(Action::Notify(Notice::Trouble(text))),
             Event::Unanswered { address, reason } => self.unanswered(address, reason),
             Event::Down { link } => self.forget(link, "its connection ended"),
             Event::Received { link, bytes } => match Message::from_bytes(&bytes) {
-                Ok(message) => self.received(now, link, message),
+                Ok(message) => self.handle_message(now, link, message),
                 // Who speaks a newer version may say more.
                 Err(_) if self.is_newer(link) => {}
                 Err(what) => self.refuse(link, format!("it sent what is no message: {what}")),
@@ -205,12 +205,12 @@ impl Node {
             Event::Publish(publication) => self.publish(*publication),
             Event::Prefer { agent, objects, rest } => self.prefer(agent, objects, rest),
             Event::Ban { agent, reason } => self.ban(now, agent, reason),
-            Event::Results { revision, found } => self.take_results(revision, found),
+            Event::Results { revision, found } => self.set_results(revision, found),
         }
     }
 
-    /// What is to be done by now.
-    pub fn go_on(&mut self, now: Duration) -> Vec<Action> {
+    /// What is to be done by now, after the events that were applied.
+    pub fn step(&mut self, now: Duration) -> Vec<Action> {
         self.now = now;
         let stood_still = now.saturating_sub(std::mem::replace(&mut self.looked, now));
         if stood_still > STOOD_STILL {
@@ -219,8 +219,8 @@ impl Node {
                 .values_mut()
                 .for_each(|link| link.last_received = (link.last_received + stood_still).min(now));
         }
-        for stored in self.store.news() {
-            self.stored(stored);
+        for event in self.store.events() {
+            self.handle_store_event(event);
         }
         self.discard();
         self.beat(now);
@@ -229,14 +229,14 @@ impl Node {
     }
 
     /// Something happened in the store.
-    fn stored(&mut self, stored: Stored) {
-        match stored {
-            Stored::Head(agent, head) if head.own => self.published(agent, head.manifest),
-            Stored::Head(agent, head) => self.completed(agent, head.manifest),
-            Stored::Lost(hash) => self.lost(hash),
-            Stored::Failed(reason) => {
+    fn handle_store_event(&mut self, event: StoreEvent) {
+        match event {
+            StoreEvent::Head(agent, head) if head.own => self.published(agent, head.manifest),
+            StoreEvent::Head(agent, head) => self.completed(agent, head.manifest),
+            StoreEvent::Lost(hash) => self.lost(hash),
+            StoreEvent::Failed(reason) => {
                 let text = format!("what is told cannot be kept: {reason}; it is tried again");
-                self.actions.push(Action::News(News::Trouble(text)));
+                self.actions.push(Action::Notify(Notice::Trouble(text)));
             }
         }
     }
@@ -249,11 +249,11 @@ impl Node {
                 .values_mut()
                 .filter_map(|remote| remote.lost(&hash).then_some(remote.publisher));
             let publishers: BTreeSet<Uuid> = remote.collect();
-            publishers.into_iter().for_each(|publisher| self.want(publisher));
+            publishers.into_iter().for_each(|publisher| self.plan_fetch(publisher));
         }
         if self.of_own.has(&hash) {
             let text = "an object of an own map is damaged on the disk".to_owned();
-            self.actions.extend([News::Trouble(text), News::Unkept].map(Action::News));
+            self.actions.extend([Notice::Trouble(text), Notice::Unkept].map(Action::Notify));
         }
     }
 

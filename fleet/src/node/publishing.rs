@@ -1,11 +1,11 @@
 //! Own maps: told once they are on the disk.
 
-use super::{Action, Lists, News, Node};
+use super::{Action, Lists, Node, Notice};
 use crate::hash::ObjectHash;
 use crate::keys::Signature;
 use crate::publishing::Publication;
 use crate::store::Head;
-use crate::wire::{Message, Offer};
+use crate::wire::{MapVersion, Message};
 use map::Identity;
 use std::sync::Arc;
 
@@ -42,14 +42,14 @@ impl Own {
     }
 
     /// What is said of it.
-    pub fn offer(&self) -> Option<Offer> {
-        self.lists().map(|lists| lists.offer)
+    pub fn version(&self) -> Option<MapVersion> {
+        self.lists().map(|lists| lists.map_version)
     }
 
     /// The same as a message.
     pub fn announcement(&self) -> Option<Message> {
         let Published { lists, signature } = self.current.as_ref()?;
-        Some(Message::State { offer: lists.offer, signature: *signature })
+        Some(Message::State { version: lists.map_version, signature: *signature })
     }
 
     /// Whether its newest version is told.
@@ -61,25 +61,25 @@ impl Own {
 impl Node {
     /// An agent who works here has a new version of its map.
     pub(super) fn publish(&mut self, publication: Publication) {
-        let Publication { offer, objects, manifest, pages } = publication;
-        let lists = Lists::new(offer, manifest, pages);
+        let Publication { version, objects, manifest, pages } = publication;
+        let lists = Lists::new(version, manifest, pages);
         let (Ok(lists), false) = (lists, self.store.unwritten() > UNWRITTEN) else {
             // The version before stays.
             let text = "what is new of the map cannot be kept and is not told yet: the disk does not take it";
-            return self.actions.extend([News::Trouble(text.into()), News::Unkept].map(Action::News));
+            return self.actions.extend([Notice::Trouble(text.into()), Notice::Unkept].map(Action::Notify));
         };
         objects.into_iter().for_each(|(hash, bytes)| self.store.put(&hash, bytes));
         let lists = Arc::new(lists);
         self.of_own.add(&lists);
-        if let Some(remote) = self.remote_maps.remove(&offer.agent) {
+        if let Some(remote) = self.remote_maps.remove(&version.agent) {
             remote.in_use().for_each(|lists| self.release_remote(lists));
         }
-        let own = self.own.entry(offer.agent).or_default();
+        let own = self.own.entry(version.agent).or_default();
         let skipped = match own.writing {
             Some(_) => own.next.replace(lists),
             None => {
-                let head = Head { manifest: offer.hash, own: true, peer: None };
-                self.store.set_head(offer.agent, head);
+                let head = Head { manifest: version.hash, own: true, peer: None };
+                self.store.set_head(version.agent, head);
                 own.writing.replace(lists)
             }
         };
@@ -89,19 +89,19 @@ impl Node {
     /// A version of an own map is on the disk.
     pub(super) fn published(&mut self, agent: Identity, manifest: ObjectHash) {
         let Some(own) = self.own.get_mut(&agent) else { return };
-        let Some(lists) = own.writing.take_if(|lists| lists.offer.hash == manifest) else { return };
+        let Some(lists) = own.writing.take_if(|lists| lists.map_version.hash == manifest) else { return };
         if let Some(next) = own.next.take() {
-            let head = Head { manifest: next.offer.hash, own: true, peer: None };
+            let head = Head { manifest: next.map_version.hash, own: true, peer: None };
             self.store.set_head(agent, head);
             own.writing = Some(next);
         }
-        let signature = self.config.signer.as_ref().map(|signer| signer.sign(&lists.offer));
-        let version = lists.offer.version();
+        let signature = self.config.signer.as_ref().map(|signer| signer.sign(&lists.map_version));
+        let version = lists.map_version.order();
         let current = own.current.replace(Published { lists, signature });
         let earlier = std::mem::replace(&mut own.before, current.map(|current| current.lists));
         self.release_own(earlier);
         self.links.values_mut().for_each(|link| link.beat = None);
-        self.actions.push(Action::News(News::Published { agent, version }));
+        self.actions.push(Action::Notify(Notice::Published { agent, version }));
     }
 
     fn release_own(&mut self, lists: Option<Arc<Lists>>) {

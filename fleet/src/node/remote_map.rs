@@ -1,14 +1,14 @@
 //! Maps that others tell: which version is known, and what of it is to be fetched.
 
-mod taking;
+mod fetching;
 
 use super::quota::Load;
 use super::{Ledger, Lists, MapSnapshot};
 use crate::hash::ObjectHash;
-use crate::link::Want;
+use crate::link::ObjectRef;
 use crate::manifest::{Entry, Kind, Manifest, Page, PageRef};
 use crate::store::Store;
-use crate::wire::{Message, Offer};
+use crate::wire::{MapVersion, Message};
 use map::{SensorKind, Uuid};
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -20,7 +20,7 @@ pub(super) struct RemoteMap {
     /// Whose agent it is, where peers have keys.
     pub peer: Option<Uuid>,
     /// Its newest version.
-    pub offer: Offer,
+    pub version: MapVersion,
     /// What came of the lists of a newer version than `lists`.
     coming: Coming,
     /// The newest version of which all lists are here.
@@ -40,7 +40,7 @@ pub(super) struct RemoteMap {
     /// Objects that came.
     came: u64,
     /// The newest version that is whole here, and on the disk.
-    held: (u64, u64),
+    stored_version: (u64, u64),
     /// Objects of keyframes that come before others, the most wanted first.
     preferred: Vec<(Kind, u32)>,
     /// Whether all others come too.
@@ -56,13 +56,13 @@ struct Coming {
 
 impl RemoteMap {
     /// A map that was never heard of before.
-    fn new(publisher: Uuid, peer: Option<Uuid>, offer: Offer, rest: bool) -> Self {
+    fn new(publisher: Uuid, peer: Option<Uuid>, version: MapVersion, rest: bool) -> Self {
         let (coming, lists, whole, writing, missing, previews, previews_here) = Default::default();
-        let (awaited, came, held, preferred) = Default::default();
+        let (awaited, came, stored_version, preferred) = Default::default();
         Self {
             publisher,
             peer,
-            offer,
+            version,
             coming,
             lists,
             whole,
@@ -72,7 +72,7 @@ impl RemoteMap {
             previews_here,
             awaited,
             came,
-            held,
+            stored_version,
             preferred,
             rest,
         }
@@ -81,13 +81,13 @@ impl RemoteMap {
     /// A map that was whole when the program ended. What is not there by now, or not as long as it should be, is fetched
     /// again.
     pub fn whole(lists: Arc<Lists>, peer: Option<Uuid>, store: &dyn Store) -> Self {
-        let mut remote = Self::new(Uuid::nil(), peer, lists.offer, true);
+        let mut remote = Self::new(Uuid::nil(), peer, lists.map_version, true);
         remote.whole = Some(Arc::clone(&lists));
         remote.set_lists(lists, store);
         let previews = remote.previews.iter().filter(|hash| store.has(hash));
         remote.previews_here = previews.copied().collect();
         if remote.missing.is_empty() {
-            remote.held = remote.offer.version();
+            remote.stored_version = remote.version.order();
         }
         remote
     }
@@ -111,9 +111,10 @@ impl RemoteMap {
     pub fn lost(&mut self, hash: &ObjectHash) -> bool {
         let Some(lists) = &self.lists else { return false };
         let lists_it = lists.entries.iter().any(|entry| entry.hash == *hash && !entry.kind.is_preview());
-        let is_list = lists.offer.hash == *hash || lists.manifest.pages.iter().any(|page| page.hash == *hash);
+        let is_list =
+            lists.map_version.hash == *hash || lists.manifest.pages.iter().any(|page| page.hash == *hash);
         if lists_it || is_list {
-            self.held = (0, 0);
+            self.stored_version = (0, 0);
             self.missing.insert(*hash);
         }
         lists_it || is_list
@@ -125,20 +126,20 @@ impl RemoteMap {
     }
 
     /// What is said of it to whoever tells it.
-    pub fn held(&self) -> Message {
+    pub fn acknowledgement(&self) -> Message {
         let missing = match self.is_newest() {
             true => self.missing.len() as u32,
-            false if self.held == self.offer.version() => 0,
+            false if self.stored_version == self.version.order() => 0,
             false => u32::MAX,
         };
-        let (begun, revision) = self.held;
-        Message::Held { agent: self.offer.agent, begun, revision, missing }
+        let (begun, revision) = self.stored_version;
+        Message::Stored { agent: self.version.agent, begun, revision, missing }
     }
 
     /// How much of it is here, whoever tells it being near or not; `None` before its lists are.
     pub fn snapshot(&self, is_near: bool) -> Option<MapSnapshot> {
         let entries = Arc::clone(&self.lists.as_ref()?.entries);
-        let (agent, begun, finished) = (self.offer.agent, self.offer.begun, self.is_finished());
+        let (agent, begun, finished) = (self.version.agent, self.version.begun, self.is_finished());
         let (missing, came) = (self.missing.len(), self.came);
         Some(MapSnapshot { agent, begun, entries, missing, came, finished, is_near })
     }
@@ -165,18 +166,18 @@ impl RemoteMap {
 
     /// Whether all of it is here, and not on the disk yet.
     pub fn is_unkept(&self) -> bool {
-        self.is_newest() && self.missing.is_empty() && self.held != self.offer.version()
+        self.is_newest() && self.missing.is_empty() && self.stored_version != self.version.order()
     }
 
     /// Whether the lists that are here are those of the newest version.
     fn is_newest(&self) -> bool {
-        self.lists.as_ref().is_some_and(|lists| lists.offer.version() == self.offer.version())
+        self.lists.as_ref().is_some_and(|lists| lists.map_version.order() == self.version.order())
     }
 
     /// The lists that are to be fetched; `known` are pages that need not be.
-    fn wanted_lists(&self, known: &Ledger) -> Vec<Want> {
-        let of_page = |page: &PageRef| Want { hash: page.hash, size: page.size };
-        let manifest = Want { hash: self.offer.hash, size: self.offer.size };
+    fn lists_to_fetch(&self, known: &Ledger) -> Vec<ObjectRef> {
+        let of_page = |page: &PageRef| ObjectRef { hash: page.hash, size: page.size };
+        let manifest = ObjectRef { hash: self.version.hash, size: self.version.size };
         match (&self.coming.manifest, &self.lists) {
             _ if self.is_newest() => {
                 // Their files may be lost.
@@ -192,9 +193,9 @@ impl RemoteMap {
     }
 
     /// What is to be fetched of it, the most urgent first; takes note of what of that is awaited.
-    fn wanted(&mut self, store: &dyn Store, known: &Ledger) -> Vec<Want> {
+    fn objects_to_fetch(&mut self, store: &dyn Store, known: &Ledger) -> Vec<ObjectRef> {
         // The lists of the newest version; as long as they are not here, what is known of the one before.
-        let mut wanted = self.wanted_lists(known);
+        let mut wanted = self.lists_to_fetch(known);
         let lists = wanted.iter().map(|want| want.hash);
         let mut awaited: BTreeSet<ObjectHash> = lists.collect();
         let places: BTreeMap<(Kind, u32), usize> = self.preferred.iter().copied().zip(0..).collect();
@@ -217,7 +218,7 @@ impl RemoteMap {
         entries.sort_by_key(|(priority, _)| *priority);
         let first = entries.iter().take_while(|(((tier, _), ..), _)| *tier < 2);
         awaited.extend(first.map(|(_, entry)| entry.hash));
-        wanted.extend(entries.iter().map(|(_, entry)| Want { hash: entry.hash, size: entry.size }));
+        wanted.extend(entries.iter().map(|(_, entry)| ObjectRef { hash: entry.hash, size: entry.size }));
         self.awaited = awaited;
         wanted
     }

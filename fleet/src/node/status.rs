@@ -66,9 +66,9 @@ impl Node {
     pub fn status(&self, now: Duration) -> Status {
         let neighbour = |neighbour: &super::Neighbour| {
             let link = neighbour.link.and_then(|link| self.links.get(&link));
-            let published = self.own.iter().filter(|(_, own)| own.offer().is_some());
+            let published = self.own.iter().filter(|(_, own)| own.version().is_some());
             let lacks = published
-                .map(|(agent, _)| neighbour.holds.get(agent).map(|(_, missing)| u64::from(*missing)));
+                .map(|(agent, _)| neighbour.stored.get(agent).map(|(_, missing)| u64::from(*missing)));
             // It does not know yet how many.
             let lacks = lacks.map(|missing| missing.filter(|missing| *missing < u64::from(u32::MAX)));
             NeighbourStatus {
@@ -79,13 +79,13 @@ impl Node {
                 silent: link.map(|link| now.saturating_sub(link.last_received)),
                 received: neighbour.fetch.received,
                 useless: neighbour.fetch.useless,
-                wanted: neighbour.fetch.wanted(),
+                wanted: neighbour.fetch.queued(),
                 rate: neighbour.fetch.rate(),
                 lacks: lacks.sum(),
             }
         };
         let agent = |remote: &super::RemoteMap| AgentStatus {
-            agent: remote.offer.agent,
+            agent: remote.version.agent,
             publisher: self.neighbours.get(&remote.publisher).map(|neighbour| neighbour.name.clone()),
             sensor: remote.sensor(),
             keyframes: remote.load().keyframes,
@@ -105,22 +105,22 @@ impl Node {
 
     /// Whether all neighbours that are there hold all own maps as they are by now, and lack nothing of them; false without a
     /// neighbour.
-    pub fn is_held(&self) -> bool {
+    pub fn is_acknowledged(&self) -> bool {
         let linked = self.neighbours.values().filter(|neighbour| neighbour.link.is_some());
         let mut linked = linked.peekable();
-        let holds = |neighbour: &super::Neighbour| {
+        let stores_all = |neighbour: &super::Neighbour| {
             self.own.iter().all(|(agent, own)| {
-                let whole = own.offer().map(|offer| (offer.version(), 0));
-                whole.is_some() && neighbour.holds.get(agent) == whole.as_ref()
+                let whole = own.version().map(|version| (version.order(), 0));
+                whole.is_some() && neighbour.stored.get(agent) == whole.as_ref()
             })
         };
-        linked.peek().is_some() && self.own.values().all(Own::is_published) && linked.all(holds)
+        linked.peek().is_some() && self.own.values().all(Own::is_published) && linked.all(stores_all)
     }
 
     /// How many things neighbours said are remembered.
     #[cfg(test)]
     pub fn remembered(&self) -> usize {
-        self.neighbours.values().map(|neighbour| neighbour.holds.len() + neighbour.later.len()).sum()
+        self.neighbours.values().map(|neighbour| neighbour.stored.len() + neighbour.later.len()).sum()
     }
 
     /// How many objects were looked at when versions of maps came and went.
@@ -131,19 +131,19 @@ impl Node {
 
     /// Whether stations hold all own maps.
     #[cfg(test)]
-    pub fn is_held_by_station(&self) -> bool {
+    pub fn is_acknowledged_by_station(&self) -> bool {
         let mut stations = self.neighbours.values().filter(|neighbour| neighbour.is_station).peekable();
-        let whole = |own: &Own| own.offer().map(|offer| (offer.version(), 0));
+        let whole = |own: &Own| own.version().map(|version| (version.order(), 0));
         stations.peek().is_some()
             && stations.all(|station| {
-                self.own.iter().all(|(agent, own)| station.holds.get(agent).copied() == whole(own))
+                self.own.iter().all(|(agent, own)| station.stored.get(agent).copied() == whole(own))
             })
     }
 
     /// Own maps, which are whole.
     pub fn own_maps(&self) -> Vec<MapSnapshot> {
         let snapshot = |lists: &Lists| {
-            let (agent, begun) = (lists.offer.agent, lists.offer.begun);
+            let (agent, begun) = (lists.map_version.agent, lists.map_version.begun);
             let (entries, finished) = (Arc::clone(&lists.entries), lists.manifest.finished);
             MapSnapshot { agent, begun, entries, missing: 0, came: 0, finished, is_near: true }
         };

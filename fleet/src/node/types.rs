@@ -4,7 +4,7 @@ use super::Quota;
 use crate::hash::ObjectHash;
 use crate::keys::{Peer, Signer};
 use crate::manifest::{Entry, Kind};
-use crate::merge_results::Found;
+use crate::merge_results::MergeResults;
 use crate::publishing::Publication;
 use crate::wire::{Priority, Role};
 use map::{Identity, Uuid};
@@ -91,7 +91,7 @@ pub enum Event {
         /// Which version it is.
         revision: u64,
         /// What; each neighbour is told what concerns the agents that it tells.
-        found: Arc<Found>,
+        found: Arc<MergeResults>,
     },
 }
 
@@ -127,21 +127,21 @@ pub enum Action {
         reason: String,
     },
     /// Something people or other parts of the program may want to know.
-    News(News),
+    Notify(Notice),
 }
 
-/// What there is to know.
+/// What happened, for people and other parts of the program.
 #[derive(Clone, Debug)]
-pub enum News {
+pub enum Notice {
     /// A neighbour said who it is.
-    Met {
+    Connected {
         /// What people call it.
         name: String,
         /// Where it is.
         address: String,
     },
     /// A neighbour is not there any more.
-    Gone {
+    Disconnected {
         /// What people call it.
         name: String,
         /// How that was noticed.
@@ -165,13 +165,13 @@ pub enum News {
         /// What, not looked at.
         bytes: Vec<u8>,
     },
-    /// A neighbour holds all of an own map up to this version, on its disk.
-    Held {
+    /// A neighbour acknowledges that all of an own map up to this version is on its disk.
+    Stored {
         /// Who.
         by: String,
         /// Whose map.
         agent: Identity,
-        /// Which version, see [`Offer::version`](crate::wire::Offer::version).
+        /// Which version, see [`MapVersion::order`](crate::wire::MapVersion::order).
         version: (u64, u64),
     },
     /// A version of an own map is on the disk, and told.

@@ -5,7 +5,7 @@
 
 use super::disk::{Disk, System};
 use super::writing::{Job, Writer};
-use super::{Head, Objects, Pins, Store, Stored, locked};
+use super::{Head, Objects, Pins, Store, StoreEvent, locked};
 use crate::hash::ObjectHash;
 use crate::manifest::Manifest;
 use map::{Identity, Uuid};
@@ -25,7 +25,7 @@ const OWN: &str = "own";
 /// What the system says where a disk cannot read what it wrote.
 const EIO: i32 = 5;
 
-/// In a folder. Whatever ends the program or the machine, what [`Stored::Head`] was said of is there.
+/// In a folder. Whatever ends the program or the machine, what [`StoreEvent::Head`] was said of is there.
 pub struct FolderStore {
     inner: Arc<Inner>,
     thread: Option<JoinHandle<()>>,
@@ -55,7 +55,7 @@ pub(super) struct State {
     pub jobs: VecDeque<Job>,
     /// Since when there are some.
     pub since: Option<Instant>,
-    pub news: Vec<Stored>,
+    pub events: Vec<StoreEvent>,
     pub ends: bool,
     /// Whether the thread is at work, and whether it is to begin at once.
     pub is_at_work: bool,
@@ -95,13 +95,13 @@ impl FolderStore {
         let work = move || Writer(of_thread).work();
         let thread = std::thread::Builder::new().name("fleet-store".into()).spawn(work)?;
         let store = Self { inner, thread: Some(thread), _lock: None };
-        store.take_new()?;
-        store.take_heads()?;
+        store.recover_new()?;
+        store.read_heads()?;
         Ok(store)
     }
 
     /// Takes in what a program that was killed was writing, as far as it is right.
-    fn take_new(&self) -> io::Result<()> {
+    fn recover_new(&self) -> io::Result<()> {
         for (path, _) in self.inner.disk.files(&self.inner.folder.join(NEW))? {
             let bytes = self.inner.disk.read(&path).unwrap_or_default();
             match hash_of(&path).filter(|hash| ObjectHash::of(&bytes) == *hash) {
@@ -112,7 +112,7 @@ impl FolderStore {
         Ok(())
     }
 
-    fn take_heads(&self) -> io::Result<()> {
+    fn read_heads(&self) -> io::Result<()> {
         for (path, _) in self.inner.disk.files(&self.inner.folder.join(HEADS))? {
             let text = self.inner.disk.read(&path).unwrap_or_default();
             let text = String::from_utf8_lossy(&text);
@@ -159,7 +159,7 @@ impl Inner {
     fn lose(&self, hash: &ObjectHash) {
         let mut state = locked(&self.state);
         state.forget(hash);
-        state.news.push(Stored::Lost(*hash));
+        state.events.push(StoreEvent::Lost(*hash));
         self.changed.notify_all();
     }
 }
@@ -255,8 +255,8 @@ impl Store for FolderStore {
         self.inner.changed.notify_all();
     }
 
-    fn news(&self) -> Vec<Stored> {
-        std::mem::take(&mut locked(&self.inner.state).news)
+    fn events(&self) -> Vec<StoreEvent> {
+        std::mem::take(&mut locked(&self.inner.state).events)
     }
 
     fn unwritten(&self) -> usize {

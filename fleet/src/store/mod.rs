@@ -32,7 +32,7 @@ pub trait Objects: Send + Sync {
     }
 
     /// An object, once its content was found to be the one it is called by; `None` when it is not here, or damaged: then
-    /// it is not here any more, and [`Stored::Lost`] says so.
+    /// it is not here any more, and [`StoreEvent::Lost`] says so.
     fn get(&self, hash: &ObjectHash) -> Option<Arc<[u8]>>;
 
     /// Keeps an object, which is called by its content. Never waits; [`Store::set_head`] says when it is on the disk.
@@ -56,11 +56,11 @@ pub trait Store: Objects {
     fn heads(&self) -> BTreeMap<Identity, Head>;
 
     /// Has all that was put so far brought to the disk, and then noted that a map is whole by this. Never waits:
-    /// [`Stored::Head`] says when that is done.
+    /// [`StoreEvent::Head`] says when that is done.
     fn set_head(&self, agent: Identity, head: Head);
 
     /// What happened since this was asked last.
-    fn news(&self) -> Vec<Stored>;
+    fn events(&self) -> Vec<StoreEvent>;
 
     /// Bytes that are not on the disk yet, and in memory until they are.
     fn unwritten(&self) -> usize;
@@ -72,7 +72,7 @@ pub trait Store: Objects {
 
 /// What happened in a store.
 #[derive(Debug)]
-pub enum Stored {
+pub enum StoreEvent {
     /// A map is whole on the disk, whatever happens next.
     Head(Identity, Head),
     /// An object that was here is gone or damaged.
@@ -103,7 +103,7 @@ pub struct MemoryStore {
 struct Memory {
     objects: BTreeMap<ObjectHash, Arc<[u8]>>,
     heads: BTreeMap<Identity, Head>,
-    news: Vec<Stored>,
+    events: Vec<StoreEvent>,
 }
 
 impl Objects for MemoryStore {
@@ -137,11 +137,11 @@ impl Store for MemoryStore {
     fn set_head(&self, agent: Identity, head: Head) {
         let mut memory = locked(&self.memory);
         memory.heads.insert(agent, head);
-        memory.news.push(Stored::Head(agent, head));
+        memory.events.push(StoreEvent::Head(agent, head));
     }
 
-    fn news(&self) -> Vec<Stored> {
-        std::mem::take(&mut locked(&self.memory).news)
+    fn events(&self) -> Vec<StoreEvent> {
+        std::mem::take(&mut locked(&self.memory).events)
     }
 
     fn unwritten(&self) -> usize {

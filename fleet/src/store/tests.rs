@@ -23,11 +23,11 @@ fn on(disk: &Cut) -> FolderStore {
     FolderStore::on(Box::new(disk.clone()), Path::new("/there")).unwrap()
 }
 
-/// Waits for news.
-fn wait<T>(store: &FolderStore, wanted: impl Fn(&Stored) -> Option<T>) -> T {
+/// Waits for an event.
+fn wait<T>(store: &FolderStore, wanted: impl Fn(&StoreEvent) -> Option<T>) -> T {
     let since = Instant::now();
     while since.elapsed() < PATIENCE {
-        if let Some(found) = store.news().iter().find_map(&wanted) {
+        if let Some(found) = store.events().iter().find_map(&wanted) {
             return found;
         }
         std::thread::sleep(Duration::from_millis(1));
@@ -36,7 +36,7 @@ fn wait<T>(store: &FolderStore, wanted: impl Fn(&Stored) -> Option<T>) -> T {
 }
 
 /// Puts objects and a manifest, and says that the map is whole.
-fn give(store: &FolderStore, objects: &[u8]) -> Head {
+fn put(store: &FolderStore, objects: &[u8]) -> Head {
     let (hash, bytes) = manifest();
     objects.iter().map(|number| object(*number)).for_each(|(hash, bytes)| store.put(&hash, bytes));
     store.put(&hash, bytes);
@@ -45,8 +45,8 @@ fn give(store: &FolderStore, objects: &[u8]) -> Head {
     head
 }
 
-fn is_kept(news: &Stored) -> Option<()> {
-    matches!(news, Stored::Head(..)).then_some(())
+fn is_kept(event: &StoreEvent) -> Option<()> {
+    matches!(event, StoreEvent::Head(..)).then_some(())
 }
 
 #[test]
@@ -55,7 +55,7 @@ fn what_a_folder_was_given_is_there_when_it_is_opened_again() {
     let (hash, bytes) = object(5);
     let head = {
         let store = FolderStore::open(room.path()).unwrap();
-        let head = give(&store, &[5, 6]);
+        let head = put(&store, &[5, 6]);
         assert!(FolderStore::open(room.path()).is_err(), "another one keeps out");
         wait(&store, is_kept);
         head
@@ -81,7 +81,7 @@ fn what_a_folder_was_given_is_there_when_it_is_opened_again() {
 fn what_is_acknowledged_outlasts_a_power_cut_at_any_moment() {
     let disk = Cut::default();
     let store = on(&disk);
-    give(&store, &[1, 2, 3]);
+    put(&store, &[1, 2, 3]);
     wait(&store, is_kept);
     // More is on its way.
     store.put(&object(4).0, object(4).1);
@@ -101,14 +101,14 @@ fn what_a_sync_refused_is_written_again_and_not_acknowledged_before() {
         let disk = Cut::default();
         let store = on(&disk);
         disk.refuse_after(before);
-        give(&store, &[1, 2]);
-        wait(&store, |news| match news {
-            Stored::Failed(reason) => {
+        put(&store, &[1, 2]);
+        wait(&store, |event| match event {
+            StoreEvent::Failed(reason) => {
                 assert!(reason.contains("does not take it"), "{reason}");
                 Some(())
             }
-            Stored::Head(..) => panic!("it is not kept"),
-            Stored::Lost(_) => None,
+            StoreEvent::Head(..) => panic!("it is not kept"),
+            StoreEvent::Lost(_) => None,
         });
         assert!(store.get(&object(2).0).is_some());
         wait(&store, is_kept);
@@ -125,20 +125,20 @@ fn a_damaged_object_is_not_there_and_what_is_put_again_is_whole() {
     let (hash, bytes) = object(5);
     {
         let store = on(&disk);
-        give(&store, &[5]);
+        put(&store, &[5]);
         wait(&store, is_kept);
     }
     disk.rot(&hash.to_string());
     let store = on(&disk);
     assert!(store.has(&hash) && store.get(&hash).is_none() && !store.has(&hash));
-    wait(&store, |news| matches!(news, Stored::Lost(lost) if *lost == hash).then_some(()));
-    give(&store, &[5]);
+    wait(&store, |event| matches!(event, StoreEvent::Lost(lost) if *lost == hash).then_some(()));
+    put(&store, &[5]);
     wait(&store, is_kept);
     // Nobody may have seen that it is rotten.
     disk.rot(&hash.to_string());
     drop(store);
     let store = on(&disk);
-    give(&store, &[5]);
+    put(&store, &[5]);
     wait(&store, is_kept);
     drop(store);
     assert_eq!(on(&disk).get(&hash), Some(bytes));
@@ -149,15 +149,15 @@ fn a_damaged_object_is_not_there_and_what_is_put_again_is_whole() {
 fn a_disk_that_stands_still_keeps_nobody() {
     let disk = Cut::default();
     let store = on(&disk);
-    give(&store, &[1]);
+    put(&store, &[1]);
     wait(&store, is_kept);
     disk.set_stalled(true);
     let since = Instant::now();
-    give(&store, &[1, 2, 3]);
+    put(&store, &[1, 2, 3]);
     assert_eq!(store.get(&object(1).0), Some(object(1).1), "from the disk");
     assert_eq!(store.get(&object(3).0), Some(object(3).1), "from memory");
     store.remove(&[object(1).0]);
-    assert!(store.news().is_empty() && store.unwritten() > 18_000);
+    assert!(store.events().is_empty() && store.unwritten() > 18_000);
     assert!(since.elapsed() < PATIENCE);
     disk.set_stalled(false);
     wait(&store, is_kept);

@@ -2,7 +2,7 @@
 //! of a map costs two syncs, however many objects it has, and those of several agents cost no more.
 
 use super::folder::{Inner, State};
-use super::{Head, Stored, locked};
+use super::{Head, StoreEvent, locked};
 use crate::hash::ObjectHash;
 use map::Identity;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -44,7 +44,7 @@ impl Writer {
         while let Some(mut jobs) = self.next() {
             let Err(error) = self.write(&mut jobs) else { continue };
             let mut state = locked(&self.0.state);
-            state.news.push(Stored::Failed(error.to_string()));
+            state.events.push(StoreEvent::Failed(error.to_string()));
             for job in jobs.into_iter().rev() {
                 state.jobs.push_front(job);
             }
@@ -167,7 +167,7 @@ impl Writer {
         let mut state = locked(&self.0.state);
         for (agent, head) in &batch.heads {
             state.heads.insert(*agent, *head);
-            state.news.push(Stored::Head(*agent, *head));
+            state.events.push(StoreEvent::Head(*agent, *head));
         }
         Ok(())
     }

@@ -21,7 +21,7 @@ impl Backlog {
     }
 
     /// A message of so many bytes was looked at.
-    pub fn take(&self, bytes: usize) {
+    pub fn remove(&self, bytes: usize) {
         let mut waiting = self.locked();
         *waiting = waiting.saturating_sub(bytes + MESSAGE);
         self.less.notify_one();

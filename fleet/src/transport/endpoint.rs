@@ -26,14 +26,14 @@ impl Endpoint {
     /// # Errors
     /// When nothing has this name.
     pub fn resolve(&self) -> io::Result<Vec<SocketAddr>> {
-        let say = |what: &dyn fmt::Display| format!("{self} is not found: {what}");
+        let describe = |what: &dyn fmt::Display| format!("{self} is not found: {what}");
         let found = (self.host.as_str(), self.port)
             .to_socket_addrs()
-            .map_err(|error| io::Error::new(error.kind(), say(&error)))?;
+            .map_err(|error| io::Error::new(error.kind(), describe(&error)))?;
         let mut found: Vec<SocketAddr> = found.collect();
         found.sort_by_key(SocketAddr::is_ipv6);
         if found.is_empty() {
-            return Err(io::Error::new(ErrorKind::NotFound, say(&"it has no address")));
+            return Err(io::Error::new(ErrorKind::NotFound, describe(&"it has no address")));
         }
         Ok(found)
     }

@@ -14,7 +14,7 @@ const MOST: usize = 4096;
 #[derive(Default)]
 pub(super) struct Queue {
     waiting: Mutex<Waiting>,
-    news: Condvar,
+    changed: Condvar,
 }
 
 #[derive(Default)]
@@ -40,7 +40,7 @@ impl Queue {
             waiting.bytes += message.len();
             waiting.objects.push_back(message);
         }
-        self.news.notify_one();
+        self.changed.notify_one();
     }
 
     /// The next message, once there is one; `None` when the link is to be closed and nothing urgent waits.
@@ -58,7 +58,7 @@ impl Queue {
                 return Some(message);
             }
             let patience = Duration::from_secs(1);
-            let waited = self.news.wait_timeout(waiting, patience);
+            let waited = self.changed.wait_timeout(waiting, patience);
             waiting = waited.unwrap_or_else(PoisonError::into_inner).0;
         }
     }
@@ -66,7 +66,7 @@ impl Queue {
     /// Takes no more messages.
     pub fn close(&self) {
         self.locked().closing = true;
-        self.news.notify_all();
+        self.changed.notify_all();
     }
 
     /// Whether it is to be closed.

@@ -137,7 +137,7 @@ impl Reader<'_> {
             self.opened.clear();
             self.read = 0;
             // What came with the end of the handshake is there already.
-            if !take_opened(&mut locked(session), &mut self.opened)? && self.opened.is_empty() {
+            if !read_opened(&mut locked(session), &mut self.opened)? && self.opened.is_empty() {
                 return Ok(0);
             }
             if !self.opened.is_empty() {
@@ -152,7 +152,7 @@ impl Reader<'_> {
             while !raw.is_empty() {
                 session.read_tls(&mut raw)?;
                 session.process_new_packets().map_err(broken)?;
-                take_opened(&mut session, &mut self.opened)?;
+                read_opened(&mut session, &mut self.opened)?;
             }
         }
         let count = bytes.len().min(self.opened.len() - self.read);
@@ -162,8 +162,8 @@ impl Reader<'_> {
     }
 }
 
-/// Takes what is opened; false when the other end is done.
-fn take_opened(session: &mut Connection, into: &mut Vec<u8>) -> io::Result<bool> {
+/// Reads what is decrypted; false when the other end is done.
+fn read_opened(session: &mut Connection, into: &mut Vec<u8>) -> io::Result<bool> {
     let mut some = [0; 16 << 10];
     loop {
         match session.reader().read(&mut some) {

@@ -128,7 +128,7 @@ impl Transport for Tcp {
 
     fn looked_at(&self, link: LinkId, bytes: usize) {
         if let Some(stream) = self.shared.links().get(&link) {
-            stream.backlog.take(bytes);
+            stream.backlog.remove(bytes);
         }
     }
 
@@ -175,7 +175,7 @@ impl Shared {
     }
 
     /// It is known who a connection from there is, or there will be none.
-    fn is_known(&self, from: IpAddr) {
+    fn release(&self, from: IpAddr) {
         let mut unknown = self.unknown();
         match unknown.get_mut(&from) {
             Some(count) if *count > 1 => *count -= 1,
@@ -196,12 +196,12 @@ impl Shared {
     }
 
     /// Takes a connection that came.
-    fn take(self: &Arc<Self>, socket: TcpStream, from: SocketAddr) {
+    fn accept(self: &Arc<Self>, socket: TcpStream, from: SocketAddr) {
         // Its port is another one each time, and says nothing to people.
         let kind = if self.tls.is_some() { "tls" } else { "tcp" };
         let place = format!("{kind}/{}", from.ip());
         let opened = self.open(&socket, Side::Accepted);
-        self.is_known(from.ip());
+        self.release(from.ip());
         match opened {
             Ok((stream, peer)) => self.serve(stream, peer, &place, &format!("{kind}/{from}")),
             Err(error) => self.trouble(disconnect_reason(&place, &error)),
@@ -264,9 +264,9 @@ fn accept(shared: &Arc<Shared>, listener: &TcpListener) {
         match listener.accept() {
             Ok((socket, from)) if shared.admit(from.ip()) => {
                 let of_thread = Arc::clone(shared);
-                let take = move || of_thread.take(socket, from);
-                if thread::Builder::new().name("fleet-receive".into()).spawn(take).is_err() {
-                    shared.is_known(from.ip());
+                let work = move || of_thread.accept(socket, from);
+                if thread::Builder::new().name("fleet-receive".into()).spawn(work).is_err() {
+                    shared.release(from.ip());
                 }
             }
             Ok(_) => {}

@@ -1,7 +1,7 @@
 //! Nodes in one process over real connections.
 
 use crate::keys::{Authority, Keys, Validity};
-use crate::node::{Event, News, Quota};
+use crate::node::{Event, Notice, Quota};
 use crate::publishing::Publisher;
 use crate::service::{Service, ServiceOptions};
 use crate::store::Store;
@@ -15,7 +15,7 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
-fn start(folder: &Path, role: Role, listen: Option<&str>, dial: &[&Endpoint]) -> (Service, Receiver<News>) {
+fn start(folder: &Path, role: Role, listen: Option<&str>, dial: &[&Endpoint]) -> (Service, Receiver<Notice>) {
     start_with(folder, role, listen, dial, None)
 }
 
@@ -25,8 +25,8 @@ fn start_with(
     listen: Option<&str>,
     dial: &[&Endpoint],
     keys: Option<Keys>,
-) -> (Service, Receiver<News>) {
-    let (tell, news) = channel();
+) -> (Service, Receiver<Notice>) {
+    let (sender, notices) = channel();
     let options = ServiceOptions {
         folder: folder.to_owned(),
         name: format!("{role:?}"),
@@ -37,8 +37,8 @@ fn start_with(
         waits: false,
         keys,
     };
-    let service = Service::start(options, move |news| drop(tell.send(news))).unwrap();
-    (service, news)
+    let service = Service::start(options, move |notice| drop(sender.send(notice))).unwrap();
+    (service, notices)
 }
 
 fn wait(mut done: impl FnMut() -> bool) {
@@ -61,10 +61,10 @@ fn a_map_is_sent_over_a_connection_and_published_again_after_a_restart() {
         let (lonely, _) = start(rooms[1].path(), Role::Agent, None, &[]);
         lonely.publish(publication);
         wait(|| lonely.store().heads().len() == 1);
-        assert!(!lonely.is_held());
+        assert!(!lonely.is_acknowledged());
     }
     let (again, _) = start(rooms[1].path(), Role::Agent, None, &[at]);
-    wait(|| again.is_held());
+    wait(|| again.is_acknowledged());
     // What others may know of a node is renewed ten times a second.
     wait(|| station.snapshots().iter().all(|snapshot| snapshot.missing == 0));
     let snapshot = station.snapshots();
@@ -93,7 +93,7 @@ fn a_map_is_sent_from_peer_to_peer_by_tls() {
     let map = map(agent(7), 6);
     let (agent_there, _) = start_with(rooms[1].path(), Role::Agent, None, &[&at], car);
     agent_there.publish(Publisher::new(agent(7), 5).publish(&map, true).unwrap().unwrap());
-    wait(|| agent_there.is_held());
+    wait(|| agent_there.is_acknowledged());
     wait(|| station.snapshots().iter().any(|snapshot| snapshot.missing == 0));
     let mut assembler = crate::assembling::Assembler::default();
     let snapshot = station.snapshots();
@@ -147,37 +147,41 @@ fn who_sends_more_than_is_looked_at_waits() {
 fn hostile_lengths_and_floods_cost_their_own_link_only() {
     let rooms: Vec<_> = (0..2).map(|_| tempfile::tempdir().unwrap()).collect();
     let [station_keys, car, mallory] = keys(["station", "car", "mallory"]);
-    let (station, news) =
+    let (station, notices) =
         start_with(rooms[0].path(), Role::Station, Some("tls/127.0.0.1:0"), &[], Some(station_keys));
     let at = station.listening().unwrap().clone();
     let (hostile, _news, link) = dialled(&at, Some(&mallory));
     // As many bytes as the largest message has, and more; then the same thing said for ever.
     hostile.send(link, Priority::State, vec![4; MAX_MESSAGE + 1]);
     let reported = |words: &str| {
-        wait(|| news.try_iter().any(|news| matches!(&news, News::Trouble(text) if text.contains(words))))
+        wait(|| {
+            notices.try_iter().any(|notice| matches!(&notice, Notice::Trouble(text) if text.contains(words)))
+        })
     };
     reported("no message");
     drop(hostile);
     let (hostile, _news, link) = dialled(&at, Some(&mallory));
-    let held = crate::wire::Message::Held { agent: agent(3), begun: 1, revision: 1, missing: 1 }.to_bytes();
-    (0..2000).for_each(|_| hostile.send(link, Priority::State, held.clone()));
+    let stored =
+        crate::wire::Message::Stored { agent: agent(3), begun: 1, revision: 1, missing: 1 }.to_bytes();
+    (0..2000).for_each(|_| hostile.send(link, Priority::State, stored.clone()));
     reported("mallory is refused: it says more than");
     let (car, _) = start_with(rooms[1].path(), Role::Agent, None, &[&at], Some(car));
     car.publish(Publisher::new(agent(7), 5).publish(&map(agent(7), 3), true).unwrap().unwrap());
-    wait(|| car.is_held());
+    wait(|| car.is_acknowledged());
     drop(hostile);
 }
 
 #[test]
 fn rubbish_on_a_connection_ends_it_and_no_other() {
     let room = tempfile::tempdir().unwrap();
-    let (station, news) = start(room.path(), Role::Station, Some("tcp/127.0.0.1:0"), &[]);
+    let (station, notices) = start(room.path(), Role::Station, Some("tcp/127.0.0.1:0"), &[]);
     let at = station.listening().unwrap();
     for rubbish in [&[0xff; 4][..], &[3, 0, 0, 0, 99, 99, 99], b"GET / HTTP/1.1\r\n\r\n"] {
         let mut stream = TcpStream::connect((&at.host[..], at.port)).unwrap();
         stream.write_all(rubbish).unwrap();
-        let reported = |news: News| matches!(&news, News::Trouble(text) if text.contains("no message"));
-        wait(|| news.try_iter().any(reported));
+        let reported =
+            |notice: Notice| matches!(&notice, Notice::Trouble(text) if text.contains("no message"));
+        wait(|| notices.try_iter().any(reported));
     }
     let other = tempfile::tempdir().unwrap();
     let (agent, _) = start(other.path(), Role::Agent, None, &[at]);

@@ -97,7 +97,7 @@ impl Tls {
                 Err(error) => return Err(error),
             }
             if let Err(error) = session.process_new_packets() {
-                take_leave(&mut session, stream);
+                close_after_alert(&mut session, stream);
                 return Err(broken(error));
             }
         }
@@ -111,7 +111,7 @@ impl Tls {
 }
 
 /// Tells the other one why it is refused, and waits until it may have read that.
-fn take_leave(session: &mut Connection, stream: &TcpStream) {
+fn close_after_alert(session: &mut Connection, stream: &TcpStream) {
     // Whatever fails, the connection ends.
     while session.wants_write() && session.write_tls(&mut &*stream).is_ok() {}
     let _ = stream.shutdown(Shutdown::Write);

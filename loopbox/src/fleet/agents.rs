@@ -52,7 +52,7 @@ struct Agent {
 }
 
 /// Why a map was not taken in.
-pub(super) enum NotTaken {
+pub(super) enum NotUpdated {
     /// What was told is none.
     Wrong(String),
     /// It cannot be written here.
@@ -85,18 +85,18 @@ impl Maps {
     ///
     /// # Errors
     /// When what was told is no map, or it cannot be written.
-    pub fn take(
+    pub fn update(
         &mut self,
         snapshot: &MapSnapshot,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
-    ) -> Result<Option<SensorKind>, NotTaken> {
+    ) -> Result<Option<SensorKind>, NotUpdated> {
         let agent = self.agents.entry(snapshot.agent).or_insert_with(|| Agent::new(snapshot.begun));
-        let taken = agent.take(snapshot, only, place);
-        if taken.is_err() {
+        let updated = agent.update(snapshot, only, place);
+        if updated.is_err() {
             self.agents.remove(&snapshot.agent);
         }
-        taken
+        updated
     }
 
     /// Forgets all.
@@ -146,7 +146,7 @@ impl Maps {
     }
 
     /// Takes LiDARs' maps back.
-    pub fn take_scans_back(&mut self, lent: Inputs<ScanInput>) {
+    pub fn return_scans(&mut self, lent: Inputs<ScanInput>) {
         for (content, input) in lent.contents.into_iter().zip(lent.inputs) {
             if let Some(agent) = self.agents.get_mut(&content.agent) {
                 agent.scans = Some(input);
@@ -200,12 +200,12 @@ impl Agent {
     }
 
     /// Puts the map together of what is there. A map whose run is over is written once it is whole.
-    fn take(
+    fn update(
         &mut self,
         snapshot: &MapSnapshot,
         only: Option<&BTreeSet<KeyframeId>>,
         place: &Place,
-    ) -> Result<Option<SensorKind>, NotTaken> {
+    ) -> Result<Option<SensorKind>, NotUpdated> {
         let MapSnapshot { missing, came, finished, .. } = *snapshot;
         (self.begun, self.finished) = (snapshot.begun, finished);
         let entries = Arc::clone(&snapshot.entries);
@@ -214,7 +214,7 @@ impl Agent {
             return Ok(None);
         }
         let made = self.assembler.assemble(snapshot.agent, &snapshot.entries, place.store, only);
-        let made = made.map_err(NotTaken::Wrong)?;
+        let made = made.map_err(NotUpdated::Wrong)?;
         let Some(made) = made else { return Ok(None) };
         self.seen = seen;
         // Frames are no matter for merging, and are written once the run is over.
@@ -226,8 +226,8 @@ impl Agent {
         let path = place.folder.join(label(snapshot.agent, &made.map)).join("map.mcap");
         self.file = None;
         if is_done {
-            save(&path, &made.map).map_err(NotTaken::Unwritten)?;
-            self.file = Some(MapDigest::of(&path).map_err(NotTaken::Unwritten)?);
+            save(&path, &made.map).map_err(NotUpdated::Unwritten)?;
+            self.file = Some(MapDigest::of(&path).map_err(NotUpdated::Unwritten)?);
         }
         self.sensor = made.map.sensor();
         (self.images, self.scans) = (None, None);
@@ -236,7 +236,7 @@ impl Agent {
         }
         if self.sensor == Some(SensorKind::Lidar) {
             let input = ScanInput::of(path, made.map);
-            self.scans = Some(input.map_err(|error| NotTaken::Wrong(format!("{error:#}")))?);
+            self.scans = Some(input.map_err(|error| NotUpdated::Wrong(format!("{error:#}")))?);
         } else if made.map.keyframes.values().filter(|k| !k.semi_dense.is_empty()).count() >= FEWEST {
             self.images = Input::of(made.map, &path, place.vocabulary).ok();
         }

@@ -1,6 +1,6 @@
 //! Which agents hang together, by what was found.
 
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use map::Identity;
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ pub(super) struct Components {
 
 impl Components {
     /// As it was found.
-    pub fn of(found: &Found) -> Self {
+    pub fn of(found: &MergeResults) -> Self {
         let mut sizes = BTreeMap::<&String, usize>::new();
         found.agents.iter().for_each(|agent| *sizes.entry(&agent.root).or_default() += 1);
         let joined = found.agents.iter().filter(|agent| sizes[&agent.root] > 1);
@@ -55,7 +55,7 @@ impl Components {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fleet::merge_results::FoundAgent;
+    use fleet::merge_results::PlacedAgent;
     use map::Uuid;
 
     fn agent(number: u128) -> Identity {
@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn who_stands_in_one_frame_hangs_together() {
-        let found = |(number, root): (u128, u128)| FoundAgent {
+        let found = |(number, root): (u128, u128)| PlacedAgent {
             agent: agent(number).to_string(),
             name: String::new(),
             keyframes: 9,
@@ -73,7 +73,7 @@ mod tests {
             root_from_agent: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0],
         };
         let agents = [(1, 1), (2, 2), (3, 1), (4, 2), (5, 5)].map(found).into();
-        let components = Components::of(&Found { agents, pair_verdicts: Vec::new() });
+        let components = Components::of(&MergeResults { agents, pair_verdicts: Vec::new() });
         assert_eq!(components.firsts(&[5, 4, 3, 2, 1, 6].map(agent)), [0, 1, 2, 1, 2, 5]);
         assert!(
             components.are_connected(&[3, 1].map(agent)) && !components.are_connected(&[5, 6].map(agent))

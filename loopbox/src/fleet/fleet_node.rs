@@ -1,15 +1,15 @@
 //! One peer of the fleet: a node with what it tells and what it collects.
 
 use super::collecting::Collector;
-use super::found_out::FoundOut;
-use super::listening::CommonListener;
+use super::common_listener::CommonListener;
 use super::publishing::{MapPublisher, PublishingThread};
+use super::received_results::ReceivedResults;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::waiting::Waits;
 use anyhow::{Context, Result, anyhow};
 use fleet::keys::Keys;
-use fleet::merge_results::Found;
-use fleet::node::{News, Quota, Status};
+use fleet::merge_results::MergeResults;
+use fleet::node::{Notice, Quota, Status};
 use fleet::service::{Service, ServiceOptions};
 use fleet::transport::Endpoint;
 use fleet::wire::Role;
@@ -75,7 +75,7 @@ struct Shared {
     /// How many agents' maps are to be whole for the thread to end by itself.
     enough: Option<usize>,
     /// Where the thread tells people what happens.
-    tell: Option<Tell>,
+    report: Option<Report>,
     /// Ends the thread that writes how things are.
     ends: AtomicBool,
     /// Whether something was found that is not shown.
@@ -85,16 +85,16 @@ struct Shared {
     /// How long agents waited for their places.
     waits: Mutex<Waits>,
     /// What neighbours found out.
-    received_results: Mutex<FoundOut>,
+    received_results: Mutex<ReceivedResults>,
 }
 
 /// Tells people what happens.
-type Tell = Box<dyn Fn(&str) + Send + Sync>;
+type Report = Box<dyn Fn(&str) + Send + Sync>;
 /// Shows how things are, on a page say.
 type Shows = Box<dyn Fn(Neighbourhood) + Send + Sync>;
 
 impl Fleet {
-    /// Starts a peer, that ends by itself once the maps of `enough` agents are whole and merged; `tell` tells people
+    /// Starts a peer, that ends by itself once the maps of `enough` agents are whole and merged; `report` tells people
     /// what happens, `listeners` hear of the common maps.
     ///
     /// # Errors
@@ -102,15 +102,15 @@ impl Fleet {
     pub fn start(
         options: &FleetOptions,
         enough: Option<usize>,
-        tell: impl Fn(&str) + Send + Sync + 'static,
+        report: impl Fn(&str) + Send + Sync + 'static,
         listeners: Vec<Box<dyn CommonListener>>,
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
         let folder = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
         let collector =
             Collector::new(&folder, options.force, options.in_background)?.with_listeners(listeners);
-        let shared = Arc::new(Shared { enough, tell: Some(Box::new(tell)), ..Shared::default() });
-        let of_news = Arc::clone(&shared);
+        let shared = Arc::new(Shared { enough, report: Some(Box::new(report)), ..Shared::default() });
+        let for_notices = Arc::clone(&shared);
         let service = ServiceOptions {
             folder: options.out.join(OBJECTS),
             name: options.name.clone(),
@@ -121,7 +121,7 @@ impl Fleet {
             waits: true,
             keys: options.keys.as_deref().map(Keys::open).transpose()?,
         };
-        let service = Arc::new(Service::start(service, move |news| of_news.hear(news))?);
+        let service = Arc::new(Service::start(service, move |notice| for_notices.handle(notice))?);
         {
             let mut status = shared.status();
             status.name.clone_from(&options.name);
@@ -133,7 +133,7 @@ impl Fleet {
             if in_background {
                 crate::run::lower_priority();
             }
-            of_thread.attend(collector, &seen)
+            of_thread.merge_until_the_end(collector, &seen)
         };
         let thread = std::thread::Builder::new().name("fleet-merge".into()).spawn(work);
         let thread = Some(thread.context("cannot start a thread")?);
@@ -175,7 +175,7 @@ impl Fleet {
         // Time in which this program was stopped is none in which a neighbour could have come.
         let mut alone = Duration::ZERO;
         while !stop.requested() {
-            if self.service.is_held() {
+            if self.service.is_acknowledged() {
                 return true;
             }
             if self.service.status().neighbours.iter().any(|neighbour| neighbour.address.is_some()) {
@@ -192,7 +192,7 @@ impl Fleet {
 
     /// Waits until all of the maps that neighbours tell is here, or `stop` is wished, or no neighbour is left. Whether all
     /// is.
-    pub fn take_over(&self, stop: &Stop) -> bool {
+    pub fn fetch_all(&self, stop: &Stop) -> bool {
         while !stop.requested() {
             let status = self.service.status();
             if status.agents.iter().all(|agent| agent.missing == 0) {
@@ -272,9 +272,9 @@ impl Shared {
         self.waits.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn say(&self, text: &str) {
-        if let Some(tell) = &self.tell {
-            tell(text);
+    fn report(&self, text: &str) {
+        if let Some(report) = &self.report {
+            report(text);
         }
     }
 
@@ -286,36 +286,38 @@ impl Shared {
             let many = status.trouble.len().saturating_sub(20);
             status.trouble.drain(..many);
             drop(status);
-            self.say(text);
+            self.report(text);
         }
     }
 
-    fn hear(&self, news: News) {
-        match news {
-            News::Met { name, address } => self.say(&format!("{name} is there, at {address}")),
-            News::Gone { name, reason } => self.say(&format!("{name} is not there any more: {reason}")),
-            News::Unanswered { address, reason } => {
-                self.say(&format!("{address} does not answer ({reason}); it is dialled again and again"));
+    fn handle(&self, notice: Notice) {
+        match notice {
+            Notice::Connected { name, address } => self.report(&format!("{name} is there, at {address}")),
+            Notice::Disconnected { name, reason } => {
+                self.report(&format!("{name} is not there any more: {reason}"))
             }
-            News::Trouble(text) => self.trouble(&text),
-            News::Held { by, .. } => self.say(&format!("{by} holds all of the map told so far")),
-            News::Results { from, peer, bytes } => match Found::from_bytes(&bytes) {
+            Notice::Unanswered { address, reason } => {
+                self.report(&format!("{address} does not answer ({reason}); it is dialled again and again"));
+            }
+            Notice::Trouble(text) => self.trouble(&text),
+            Notice::Stored { by, .. } => self.report(&format!("{by} holds all of the map told so far")),
+            Notice::Results { from, peer, bytes } => match MergeResults::from_bytes(&bytes) {
                 Ok(found) => self.receive_results(from, peer, found),
                 Err(why) => self.trouble(&format!("a neighbour tells what is not to be understood: {why}")),
             },
-            News::Map(_) | News::Published { .. } | News::Unkept => {}
+            Notice::Map(_) | Notice::Published { .. } | Notice::Unkept => {}
         }
     }
 
     /// A neighbour found something out.
-    fn receive_results(&self, from: Uuid, peer: Option<Uuid>, found: Found) {
+    fn receive_results(&self, from: Uuid, peer: Option<Uuid>, found: MergeResults) {
         let accepted = found.accepted();
         let mut received_results = self.received_results.lock().unwrap_or_else(PoisonError::into_inner);
-        let before = received_results.take(from, peer, found);
+        let before = received_results.insert(from, peer, found);
         self.status().remote_results = received_results.all();
         drop(received_results);
         if before != Some(accepted) {
-            self.say(&format!("a neighbour has merged {accepted} pairs of maps"));
+            self.report(&format!("a neighbour has merged {accepted} pairs of maps"));
         }
     }
 
@@ -336,11 +338,11 @@ impl Shared {
     }
 
     /// Merges what comes until the end.
-    fn attend(&self, mut collector: Collector, service: &Service) -> Result<Collector> {
+    fn merge_until_the_end(&self, mut collector: Collector, service: &Service) -> Result<Collector> {
         let warn = |text: &str| self.trouble(text);
         let mut arrivals = 0;
         loop {
-            let remote_results: Vec<Arc<Found>> =
+            let remote_results: Vec<Arc<MergeResults>> =
                 self.status().remote_results.iter().map(|(_, found)| Arc::clone(&found.0)).collect();
             let found = collector.step(service, &remote_results, &warn, &self.stop)?;
             // What was found says what is next.
@@ -351,7 +353,7 @@ impl Shared {
                     let links = service.status().neighbours;
                     let kilobytes = links.iter().map(|link| link.received).sum::<u64>() / 1000;
                     let count = found.accepted();
-                    self.say(&format!(
+                    self.report(&format!(
                         "{count} pairs of maps are merged, after {kilobytes} kB of objects came"
                     ));
                 }

@@ -1,7 +1,7 @@
 //! What merging found out about where agents are.
 
 use crate::merging::{Input, Merging, refusal_of};
-use fleet::merge_results::{ACCEPTED, Found, FoundAgent, NOT_YET, PairVerdict, numbers};
+use fleet::merge_results::{ACCEPTED, MergeResults, NOT_YET, PairVerdict, PlacedAgent, numbers};
 use map::AgentId;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,7 +12,7 @@ pub(super) fn found(
     merging: &Merging,
     whole: &[bool],
     is_open: impl Fn([usize; 2]) -> bool,
-) -> Found {
+) -> MergeResults {
     let identity = |agent: AgentId| {
         let own = merging.common.agents().get(&agent)?;
         own.agents.values().next()?.identity.map(|identity| identity.to_string())
@@ -23,7 +23,7 @@ pub(super) fn found(
         let (root, place) = component
             .into_iter()
             .find_map(|component| Some((component.root, component.agents.get(&id)?.root_from_agent)))?;
-        Some(FoundAgent {
+        Some(PlacedAgent {
             agent: identity(id)?,
             name: input.name.clone(),
             keyframes: input.features.len(),
@@ -42,7 +42,7 @@ pub(super) fn found(
         why: refusal_of(merging, pair_result),
         pending: false,
     });
-    Found {
+    MergeResults {
         agents: inputs.iter().enumerate().filter_map(agent).collect(),
         pair_verdicts: pair_verdicts.collect(),
     }
@@ -56,9 +56,9 @@ pub(super) fn reported_verdict(verdict: &str, is_open: bool) -> String {
 
 /// Of what `parts` of maps found what `whole` maps do not say yet. Of agents that hang together by parts one of those that do
 /// so by whole maps too is kept, the others beside it: they stand where it does.
-pub(super) fn lacking(parts: Found, whole: &Found) -> Found {
+pub(super) fn lacking(parts: MergeResults, whole: &MergeResults) -> MergeResults {
     let root_of = |agent: &str| Some(&*whole.agents.iter().find(|known| known.agent == agent)?.root);
-    let mut groups = BTreeMap::<&str, Vec<&FoundAgent>>::new();
+    let mut groups = BTreeMap::<&str, Vec<&PlacedAgent>>::new();
     parts.agents.iter().for_each(|agent| groups.entry(&agent.root).or_default().push(agent));
     let mut kept = BTreeSet::new();
     for group in groups.values() {
@@ -68,7 +68,7 @@ pub(super) fn lacking(parts: Found, whole: &Found) -> Found {
             .filter_map(|agent| root_of(&agent.agent))
             .for_each(|root| *sizes.entry(root).or_default() += 1);
         let most = sizes.into_iter().max_by_key(|(_, size)| *size).map(|(root, _)| root);
-        let is_known = |agent: &&&FoundAgent| most.is_some() && root_of(&agent.agent) == most;
+        let is_known = |agent: &&&PlacedAgent| most.is_some() && root_of(&agent.agent) == most;
         let others: Vec<&str> =
             group.iter().filter(|agent| !is_known(agent)).map(|agent| &*agent.agent).collect();
         let anchor = group.iter().find(is_known).filter(|_| !others.is_empty());
@@ -90,8 +90,8 @@ mod tests {
     use super::*;
 
     /// Agents with their roots and where they are along it; pairs that were looked at.
-    fn found(agents: &[(&str, &str, f64)], pairs: &[[&str; 2]]) -> Found {
-        let agent = |&(agent, root, x): &(&str, &str, f64)| FoundAgent {
+    fn found(agents: &[(&str, &str, f64)], pairs: &[[&str; 2]]) -> MergeResults {
+        let agent = |&(agent, root, x): &(&str, &str, f64)| PlacedAgent {
             agent: agent.into(),
             name: agent.into(),
             keyframes: 3,
@@ -106,13 +106,13 @@ mod tests {
             why: None,
             pending: false,
         };
-        Found {
+        MergeResults {
             agents: agents.iter().map(agent).collect(),
             pair_verdicts: pairs.iter().map(pair_verdict).collect(),
         }
     }
 
-    fn agents(found: &Found) -> Vec<(&str, &str, f64)> {
+    fn agents(found: &MergeResults) -> Vec<(&str, &str, f64)> {
         let mut all: Vec<_> =
             found.agents.iter().map(|a| (&*a.agent, &*a.root, a.root_from_agent[0])).collect();
         all.sort_by(|a, b| a.0.cmp(b.0));
@@ -149,6 +149,6 @@ mod tests {
         // Once whole maps say all of it nothing is left, and while they say nothing all is.
         let whole = found(&["a", "b", "c", "d", "e"].map(|agent| (agent, "a", 0.0)), &[["a", "b"]]);
         assert!(lacking(parts.clone(), &whole).agents.is_empty());
-        assert_eq!(lacking(parts.clone(), &Found::default()), parts);
+        assert_eq!(lacking(parts.clone(), &MergeResults::default()), parts);
     }
 }

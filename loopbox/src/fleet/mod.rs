@@ -3,27 +3,27 @@
 //! `publishing` tells a run's map while it grows. `prefetch` says what of others' is worth fetching first and when enough of
 //! it is here, `work_assignment` which of two agents looks at it, `components` who hangs together, `collecting`
 //! merges the maps that come, in batches, and keeps the common map on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `merge_results`
-//! is what it tells the agents about where they are, `listening` who else hears of the common maps, `status` what people are told, `found_out` what neighbours found, `waiting` how long agents waited for their places; `fleet_node` puts them together.
+//! is what it tells the agents about where they are, `common_listener` who else hears of the common maps, `status` what people are told, `received_results` what neighbours found, `waiting` how long agents waited for their places; `fleet_node` puts them together.
 
 mod agents;
 mod collecting;
+mod common_listener;
 mod components;
 mod fleet_node;
-mod found_out;
-mod listening;
 mod merge_results;
 mod prefetch;
 mod publishing;
+mod received_results;
 mod remembering;
 mod scans;
 mod status;
 mod waiting;
 mod work_assignment;
 
+pub use common_listener::CommonListener;
 pub use fleet::keys::{Authority, DAYS, Keys, Validity};
-pub use fleet::merge_results::{Found, FoundAgent, PairVerdict};
+pub use fleet::merge_results::{MergeResults, PairVerdict, PlacedAgent};
 pub use fleet::transport::Endpoint;
 pub use fleet_node::{Fleet, FleetOptions, OBJECTS};
-pub use listening::CommonListener;
 pub use publishing::MapPublisher;
 pub use status::{AgentLine, LinkLine, RemoteResults, STATUS, StatusFile, read_status};

@@ -59,8 +59,8 @@ impl PublishingThread {
     pub fn finish(self) {
         // One that broke down tells no more.
         if let Ok(mut work) = self.thread.join() {
-            std::mem::take(&mut work.left).into_iter().for_each(|change| work.take(change));
-            work.tell(&*self.warn);
+            std::mem::take(&mut work.left).into_iter().for_each(|change| work.apply(change));
+            work.publish(&*self.warn);
         }
     }
 }
@@ -104,18 +104,18 @@ impl Work {
         loop {
             match changes.recv_timeout(INTERVAL.saturating_sub(published.elapsed())) {
                 Ok(ended @ Change::Ended(_)) => self.left.push(ended),
-                Ok(change) => self.take(change),
+                Ok(change) => self.apply(change),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return self,
             }
             if published.elapsed() >= INTERVAL && self.left.is_empty() {
-                self.tell(warn);
+                self.publish(warn);
                 published = Instant::now();
             }
         }
     }
 
-    fn take(&mut self, change: Change) {
+    fn apply(&mut self, change: Change) {
         match change {
             Change::Begins(about) => self.about = Some(about),
             Change::Changed(identity, deltas) => {
@@ -149,7 +149,7 @@ impl Work {
     }
 
     /// Tells what is new.
-    fn tell(&mut self, warn: &dyn Fn(&str)) {
+    fn publish(&mut self, warn: &dyn Fn(&str)) {
         if self.service.was_unkept() {
             for followed in self.maps.values_mut() {
                 followed.publisher.begin_again();

@@ -19,12 +19,12 @@ pub(super) struct Content {
 /// What is known of pairs.
 #[derive(Default)]
 pub(super) struct Memory {
-    pairs: BTreeMap<[Identity; 2], Met>,
+    pairs: BTreeMap<[Identity; 2], Remembered>,
     /// Places that two maps may share, of pairs that are still to be looked at, by target and source.
     places: Vec<([Content; 2], Places)>,
 }
 
-struct Met {
+struct Remembered {
     /// Of the target and the source.
     contents: [Content; 2],
     pair_result: PairResult,
@@ -35,13 +35,13 @@ impl Memory {
     /// come it does not matter whether all of them was looked at since they met; `exactly` all of them has to be where the result is
     /// to last. Which other maps there were then says nothing of a pair.
     pub fn recall(&self, maps: &[Content], [a, b]: [usize; 2], exactly: bool) -> Option<Known> {
-        let met = self.pairs.get(&key(maps[a], maps[b]))?;
-        let is_source_first = met.contents[1].agent == maps[a].agent;
+        let remembered = self.pairs.get(&key(maps[a], maps[b]))?;
+        let is_source_first = remembered.contents[1].agent == maps[a].agent;
         let [target, source] = if is_source_first { [b, a] } else { [a, b] };
-        let is_same = met.contents == [maps[target], maps[source]];
-        let is_grown = met.pair_result.seen.as_ref().is_some_and(|seen| seen.is_grown);
+        let is_same = remembered.contents == [maps[target], maps[source]];
+        let is_grown = remembered.pair_result.seen.as_ref().is_some_and(|seen| seen.is_grown);
         let is_due = !is_same || exactly && is_grown;
-        let pair_result = PairResult { target, source, ..met.pair_result.clone() };
+        let pair_result = PairResult { target, source, ..remembered.pair_result.clone() };
         Some(Known { pair_result, is_due, may_grow: !exactly })
     }
 
@@ -51,14 +51,14 @@ impl Memory {
         self.pairs.retain(|pair, _| pair.iter().all(|agent| agents.contains(agent)));
         for pair_result in pair_results {
             let contents = [pair_result.target, pair_result.source].map(|map| maps[map]);
-            let met = Met { contents, pair_result: pair_result.clone() };
-            self.pairs.insert(key(contents[0], contents[1]), met);
+            let remembered = Remembered { contents, pair_result: pair_result.clone() };
+            self.pairs.insert(key(contents[0], contents[1]), remembered);
         }
     }
 
     /// Places that these maps may share, by target and source, as far as both are as they were. They are not kept here
     /// any more.
-    pub fn take_places(&mut self, maps: &[Content]) -> BTreeMap<[usize; 2], Places> {
+    pub fn remove_places(&mut self, maps: &[Content]) -> BTreeMap<[usize; 2], Places> {
         let numbers: BTreeMap<Identity, usize> =
             maps.iter().enumerate().map(|(number, map)| (map.agent, number)).collect();
         let number = |content: &Content| {
@@ -125,7 +125,7 @@ mod tests {
         let mut memory = Memory::default();
         memory.keep_places(&maps, [[1, 0], [2, 1], [0, 2]].map(|pair| (pair, Places::default())).into());
         let now = [content(3, 0), content(1, 0), content(2, 9)];
-        let known: Vec<[usize; 2]> = memory.take_places(&now).into_keys().collect();
+        let known: Vec<[usize; 2]> = memory.remove_places(&now).into_keys().collect();
         assert_eq!(known, [[1, 0]]);
     }
 

@@ -4,7 +4,7 @@
 
 use super::agents::Inputs;
 use super::collecting::{Failed, WRITE_INTERVAL};
-use super::listening::CommonListener;
+use super::common_listener::CommonListener;
 use super::merge_results::reported_verdict;
 use super::remembering::Content;
 use crate::blobs::MemoryBlobs;
@@ -15,7 +15,7 @@ use crate::lidar::write_merged;
 use crate::results::{COMMON_OF_LIDARS, Owner, Results};
 use crate::verdicts::{LidarVerdicts, MapDigest, Verdicts};
 use anyhow::{Result, anyhow};
-use fleet::merge_results::{Found, FoundAgent, PairVerdict, numbers};
+use fleet::merge_results::{MergeResults, PairVerdict, PlacedAgent, numbers};
 use geometry::Se3;
 use sources::Stop;
 use std::path::{Path, PathBuf};
@@ -30,7 +30,7 @@ pub(super) struct ScanCollector {
     results: Option<Results>,
     /// Verdicts on pairs of maps as they are.
     verdicts: Arc<MemoryBlobs>,
-    found: Found,
+    found: MergeResults,
     written: Option<Instant>,
     /// Something came that is not merged yet, or is not written.
     is_new: bool,
@@ -65,7 +65,7 @@ impl ScanCollector {
     }
 
     /// What was found by the maps as they were merged last.
-    pub fn found(&self) -> &Found {
+    pub fn found(&self) -> &MergeResults {
         &self.found
     }
 
@@ -130,7 +130,7 @@ impl ScanCollector {
 }
 
 /// What a merging of LiDAR maps found; `None` of one map alone.
-fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
+fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> MergeResults {
     let identity = |input: usize| lent.contents[input].agent.to_string();
     let root = |input: usize| {
         let groups = merging.map_or(&[][..], |merging| &merging.groups);
@@ -139,7 +139,7 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
     };
     let agent = |(number, input): (usize, &Input)| {
         let place = merging.map_or_else(Se3::identity, |merging| place_of(merging, input, number));
-        FoundAgent {
+        PlacedAgent {
             agent: identity(number),
             name: input.name.clone(),
             keyframes: input.keyframe_count(),
@@ -155,7 +155,7 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> Found {
         why: (decision(pair) != "accepted").then(|| pair.reason()),
         pending: false,
     });
-    Found {
+    MergeResults {
         agents: lent.inputs.iter().enumerate().map(agent).collect(),
         pair_verdicts: pair_verdicts.collect(),
     }

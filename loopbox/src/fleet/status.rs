@@ -2,7 +2,7 @@
 
 use super::waiting::{Waited, Waits};
 use anyhow::Context;
-use fleet::merge_results::{Found, PairVerdict};
+use fleet::merge_results::{MergeResults, PairVerdict};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use map::SensorKind;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -35,7 +35,7 @@ pub struct StatusFile {
     /// Maps of others that are told here.
     pub agents: Vec<AgentLine>,
     /// What was found out here about where agents are.
-    pub found: Found,
+    pub found: MergeResults,
     /// What others found out, by their names.
     #[serde(rename = "told")]
     pub remote_results: Vec<(String, RemoteResults)>,
@@ -45,7 +45,7 @@ pub struct StatusFile {
 
 /// What another one found out.
 #[derive(Clone, Debug, Default)]
-pub struct RemoteResults(pub Arc<Found>);
+pub struct RemoteResults(pub Arc<MergeResults>);
 
 impl Serialize for RemoteResults {
     fn serialize<S: Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
@@ -55,7 +55,7 @@ impl Serialize for RemoteResults {
 
 impl<'de> Deserialize<'de> for RemoteResults {
     fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
-        Found::deserialize(from).map(|found| Self(found.into()))
+        MergeResults::deserialize(from).map(|found| Self(found.into()))
     }
 }
 
@@ -172,7 +172,7 @@ impl StatusFile {
     }
 
     /// What was found here, and by others.
-    fn all(&self) -> impl Iterator<Item = &Found> {
+    fn all(&self) -> impl Iterator<Item = &MergeResults> {
         std::iter::once(&self.found).chain(self.remote_results.iter().map(|(_, found)| &*found.0))
     }
 
@@ -243,9 +243,9 @@ pub fn read_status(folder: &Path) -> anyhow::Result<StatusFile> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use fleet::merge_results::FoundAgent;
+    use fleet::merge_results::PlacedAgent;
 
-    fn found(pairs: impl Iterator<Item = [u32; 2]>, verdict: &str) -> Found {
+    fn found(pairs: impl Iterator<Item = [u32; 2]>, verdict: &str) -> MergeResults {
         let pair_verdict = |pair: [u32; 2]| PairVerdict {
             names: ["one".into(), "other".into()],
             agents: pair.map(|agent| agent.to_string()),
@@ -253,7 +253,7 @@ mod tests {
             why: None,
             pending: false,
         };
-        Found { agents: Vec::new(), pair_verdicts: pairs.map(pair_verdict).collect() }
+        MergeResults { agents: Vec::new(), pair_verdicts: pairs.map(pair_verdict).collect() }
     }
 
     #[test]
@@ -264,7 +264,7 @@ mod tests {
             missing,
             ..AgentLine::default()
         };
-        let about = |agent: &str, root: &str| FoundAgent {
+        let about = |agent: &str, root: &str| PlacedAgent {
             agent: agent.into(),
             name: format!("the {agent}"),
             keyframes: 3,
@@ -275,7 +275,7 @@ mod tests {
         let agents = vec![about("a", "a"), about("b", "a"), about("c", "c")];
         let status = StatusFile {
             agents: vec![line("a", 0), line("b", 4), line("c", 0), line("d", 0)],
-            found: Found { agents, pair_verdicts: Vec::new() },
+            found: MergeResults { agents, pair_verdicts: Vec::new() },
             ..StatusFile::default()
         };
         let listed = status.neighbourhood().maps;
@@ -302,7 +302,7 @@ mod tests {
     fn a_page_shows_what_was_found_here_and_of_other_pairs_what_others_found_within_limits() {
         let mut status =
             StatusFile { found: found([[1, 2]].into_iter(), "accepted"), ..StatusFile::default() };
-        let remote_results = |found: Found| RemoteResults(found.into());
+        let remote_results = |found: MergeResults| RemoteResults(found.into());
         status.remote_results =
             vec![("x".into(), remote_results(found([[2, 1], [1, 3]].into_iter(), "refused")))];
         let listed: Vec<(String, bool)> =

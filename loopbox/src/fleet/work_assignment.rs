@@ -1,6 +1,6 @@
 //! Which of two agents that meet looks at the places of both: one of them, so that what it takes goes one way only.
 
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use map::Identity;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -21,7 +21,7 @@ impl WorkAssignment {
         &mut self,
         all: &[Identity],
         own: &[Identity],
-        remote_results: &[Arc<Found>],
+        remote_results: &[Arc<MergeResults>],
     ) -> BTreeSet<[Identity; 2]> {
         self.0.retain(|pair, _| pair.iter().all(|agent| all.contains(agent)));
         let others = all.iter().filter(|agent| !own.contains(agent));
@@ -45,17 +45,17 @@ mod tests {
         Identity { uuid: Uuid::from_u128(number), epoch: 0 }
     }
 
-    fn found(pending: bool) -> Found {
+    fn found(pending: bool) -> MergeResults {
         let agents = [agent(2), agent(1)].map(|agent| agent.to_string());
         let (names, verdict) = (["b".into(), "a".into()], "undecided".into());
         let pair_verdict = PairVerdict { names, agents, verdict, why: None, pending };
-        Found { agents: Vec::new(), pair_verdicts: vec![pair_verdict] }
+        MergeResults { agents: Vec::new(), pair_verdicts: vec![pair_verdict] }
     }
 
     #[test]
     fn one_of_two_looks_and_the_other_waits_for_what_it_says() {
         let pair = [agent(1), agent(2)];
-        let left = |own: &[Identity], remote_results: &[Arc<Found>]| {
+        let left = |own: &[Identity], remote_results: &[Arc<MergeResults>]| {
             WorkAssignment::default().assigned_to_others(&pair, own, remote_results).contains(&pair)
         };
         assert!(!left(&[agent(1)], &[]));

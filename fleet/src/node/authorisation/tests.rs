@@ -5,7 +5,7 @@ use crate::keys::{Authority, Keys, Validity};
 use crate::node::{Config, Event, Node, Quota};
 use crate::publishing::Publisher;
 use crate::test_support::{Faults, Network, agent, config, map};
-use crate::wire::{Message, Offer, Role, VERSIONS};
+use crate::wire::{MapVersion, Message, Role, VERSIONS};
 use map::Identity;
 use std::sync::Arc;
 use std::time::Duration;
@@ -34,16 +34,16 @@ fn network() -> (Network, Vec<Keys>) {
     (network, keys)
 }
 
-fn tell(network: &mut Network, agent: Identity, keyframes: u32) {
+fn publish(network: &mut Network, agent: Identity, keyframes: u32) {
     network.publish(1, &mut Publisher::new(agent, 100), &map(agent, keyframes), true);
 }
 
-fn offer(agent: Identity, begun: u64, revision: u64) -> Offer {
-    Offer { agent, begun, revision, newest: 1, size: 90, hash: ObjectHash::of(b"a list of objects") }
+fn version(agent: Identity, begun: u64, revision: u64) -> MapVersion {
+    MapVersion { agent, begun, revision, newest: 1, size: 90, hash: ObjectHash::of(b"a list of objects") }
 }
 
-fn state(offer: Offer, keys: &Keys) -> Vec<u8> {
-    Message::State { offer, signature: Some(keys.signer().sign(&offer)) }.to_bytes()
+fn state(version: MapVersion, keys: &Keys) -> Vec<u8> {
+    Message::State { version, signature: Some(keys.signer().sign(&version)) }.to_bytes()
 }
 
 fn assert_refused(network: &Network, [by, of]: [usize; 2], words: &str) {
@@ -57,25 +57,26 @@ fn assert_refused(network: &Network, [by, of]: [usize; 2], words: &str) {
 fn what_is_not_a_partys_own_is_refused_and_both_know_why() {
     let (hers, foreign) = (agent(7), agent(7).later(1));
     let (_, keys) = network();
-    let mine = offer(agent(9), 5, 5);
-    let unsigned = Message::State { offer: mine, signature: None }.to_bytes();
+    let mine = version(agent(9), 5, 5);
+    let unsigned = Message::State { version: mine, signature: None }.to_bytes();
     let tampered = |keys: &[Keys]| {
         let signature = Some(keys[2].signer().sign(&mine));
-        Message::State { offer: Offer { hash: ObjectHash::of(b"another"), ..mine }, signature }.to_bytes()
+        Message::State { version: MapVersion { hash: ObjectHash::of(b"another"), ..mine }, signature }
+            .to_bytes()
     };
     type Forged<'a> = &'a dyn Fn(&[Keys]) -> Vec<Vec<u8>>;
     let cases: [(&str, Forged); 7] = [
         ("is not signed", &|_| vec![unsigned.clone()]),
         ("is not that of p2", &|keys| vec![state(mine, &keys[1])]),
         ("is not that of p2", &|keys| vec![tampered(keys)]),
-        ("not p2's to tell: that agent is p1's", &|keys| vec![state(offer(hers, 1 << 60, 1), &keys[2])]),
-        ("not p2's to tell: that agent is p1's", &|keys| vec![state(offer(foreign, 1, 1), &keys[2])]),
-        ("an older version", &|keys| vec![state(mine, &keys[2]), state(offer(agent(9), 5, 4), &keys[2])]),
-        ("an older version", &|keys| vec![state(mine, &keys[2]), state(offer(agent(9), 4, 9), &keys[2])]),
+        ("not p2's to tell: that agent is p1's", &|keys| vec![state(version(hers, 1 << 60, 1), &keys[2])]),
+        ("not p2's to tell: that agent is p1's", &|keys| vec![state(version(foreign, 1, 1), &keys[2])]),
+        ("an older version", &|keys| vec![state(mine, &keys[2]), state(version(agent(9), 5, 4), &keys[2])]),
+        ("an older version", &|keys| vec![state(mine, &keys[2]), state(version(agent(9), 4, 9), &keys[2])]),
     ];
     for (words, forged) in cases {
         let (mut network, keys) = network();
-        tell(&mut network, hers, 4);
+        publish(&mut network, hers, 4);
         network.run_until(SECONDS(2), |_| false);
         assert!(network.trouble(0).is_empty(), "{:?}", network.trouble(0));
         forged(&keys).iter().for_each(|bytes| network.forge(2, bytes));
@@ -89,14 +90,14 @@ fn what_is_not_a_partys_own_is_refused_and_both_know_why() {
 #[test]
 fn whose_an_agent_is_outlasts_a_restart() {
     let (mut network, keys) = network();
-    tell(&mut network, agent(7), 3);
+    publish(&mut network, agent(7), 3);
     assert!(network.run_until(SECONDS(5), |network| network.whole(0, agent(7)).is_some()));
     // The one whose it is is gone when the first comes back.
     network.cut = vec![(0, 1), (1, 0)];
     network.nodes[0] = Node::new(with_keys(0, &keys[0]), Arc::clone(&network.stores[0]));
     let until = network.now + SECONDS(20);
     network.run_until(until, |_| false);
-    network.forge(2, &state(offer(agent(7), 1 << 60, 1), &keys[2]));
+    network.forge(2, &state(version(agent(7), 1 << 60, 1), &keys[2]));
     let until = network.now + SECONDS(3);
     network.run_until(until, |_| false);
     assert_refused(&network, [0, 2], "not p2's to tell: that agent is another party's");
@@ -111,9 +112,9 @@ fn a_peer_publishes_no_more_maps_than_it_may() {
     network.nodes[0] = Node::new(config, Arc::clone(&network.stores[0]));
     network.run_until(SECONDS(2), |_| false);
     for number in 20..30 {
-        network.forge(2, &state(offer(agent(number), 1, 1), &keys[2]));
+        network.forge(2, &state(version(agent(number), 1, 1), &keys[2]));
     }
-    tell(&mut network, agent(7), 3);
+    publish(&mut network, agent(7), 3);
     assert!(network.run_until(SECONDS(8), |network| network.whole(0, agent(7)).is_some()));
     assert_refused(&network, [0, 2], "more than 2 maps");
     assert!(network.nodes[0].status(network.now).agents.len() <= 3);
@@ -122,7 +123,7 @@ fn a_peer_publishes_no_more_maps_than_it_may() {
 #[test]
 fn nobody_takes_anothers_place_by_its_name() {
     let (mut network, _) = network();
-    tell(&mut network, agent(7), 4);
+    publish(&mut network, agent(7), 4);
     network.run_until(SECONDS(2), |_| false);
     let hello = |node, name: &str| {
         let name = name.to_owned();

@@ -2,7 +2,7 @@
 
 use crate::fleet::agents::Inputs;
 use crate::fleet::components::Components;
-use crate::fleet::prefetch::Met;
+use crate::fleet::prefetch::MergedPair;
 use crate::fleet::remembering::Content;
 use crate::fleet::remembering::Memory;
 use crate::merging::{
@@ -127,12 +127,12 @@ pub(super) fn on_threads(count: usize, low_priority: bool) -> Result<rayon::Thre
 }
 
 /// The pairs that met, and whose merge stands.
-pub(super) fn met<'a>(merging: &'a Merging, contents: &[Content]) -> Vec<Met<'a>> {
+pub(super) fn merged_pairs<'a>(merging: &'a Merging, contents: &[Content]) -> Vec<MergedPair<'a>> {
     let standing = merging.pair_results.iter().filter(|pair_result| merging.stands(pair_result));
     let met = standing.filter_map(|pair_result| {
         let agents = [pair_result.target, pair_result.source].map(|map| contents[map].agent);
         let motion = pair_result.accepted()?.closure.motion.a_from_b;
-        Some(Met { agents, motion, edges: &pair_result.joined.as_ref()?.edges })
+        Some(MergedPair { agents, motion, edges: &pair_result.joined.as_ref()?.edges })
     });
     met.collect()
 }

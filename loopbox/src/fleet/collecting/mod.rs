@@ -20,16 +20,16 @@ mod worker;
 
 pub(super) use schedule::WRITE_INTERVAL;
 
-use super::agents::NotTaken;
+use super::agents::NotUpdated;
+use super::common_listener::CommonListener;
 use super::components::Components;
-use super::listening::CommonListener;
 use super::prefetch::Plan;
 use super::scans::ScanCollector;
 use super::waiting::Waits;
 use crate::merging::Share;
 use crate::results::{Owner, Results, is_of_the_disk};
 use anyhow::Result;
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use fleet::service::Service;
 use map::{Identity, SensorKind};
 use merger::Merger;
@@ -129,11 +129,11 @@ impl Collector {
     pub fn step(
         &mut self,
         service: &Service,
-        remote_results: &[Arc<Found>],
+        remote_results: &[Arc<MergeResults>],
         warn: &(dyn Fn(&str) + Sync),
         stop: &Stop,
-    ) -> Result<Option<Found>> {
-        match self.go_on(&Step::new(service, remote_results, warn, stop)) {
+    ) -> Result<Option<MergeResults>> {
+        match self.merge_step(&Step::new(service, remote_results, warn, stop)) {
             Err(error) if is_of_the_disk(&error) => {
                 warn(&format!("it is waited until there is room on the disk: {error:#}"));
                 self.table.found_full(Instant::now());
@@ -171,7 +171,11 @@ impl Collector {
     ///
     /// # Errors
     /// When that cannot be done.
-    pub fn finish(&mut self, service: &Service, warn: &(dyn Fn(&str) + Sync)) -> Result<Option<Found>> {
+    pub fn finish(
+        &mut self,
+        service: &Service,
+        warn: &(dyn Fn(&str) + Sync),
+    ) -> Result<Option<MergeResults>> {
         let stop = Stop::default();
         let step = Step::new(service, &[], warn, &stop);
         let optimised = match self.optimised(&step, true) {
@@ -180,7 +184,7 @@ impl Collector {
             optimised => optimised?,
         };
         let agents = step.all.iter().map(|snapshot| snapshot.agent).collect();
-        self.take_all(&step, &agents, None)?;
+        self.update_all(&step, &agents, None)?;
         self.merger.make_haste();
         // Whoever ends it does not wait for hundreds of pairs: they are looked at when it goes on.
         let begun = Instant::now();
@@ -202,14 +206,14 @@ impl Collector {
     }
 
     /// As [`step`](Self::step), but for full disks.
-    fn go_on(&mut self, step: &Step) -> Result<Option<Found>> {
+    fn merge_step(&mut self, step: &Step) -> Result<Option<MergeResults>> {
         let optimised = self.optimised(step, false)?;
         let merged = self.merge_next(step)?;
         Ok(merged.or_else(|| optimised.then(|| self.all_found())))
     }
 
     /// Merges what is next, where it is time.
-    fn merge_next(&mut self, step: &Step) -> Result<Option<Found>> {
+    fn merge_next(&mut self, step: &Step) -> Result<Option<MergeResults>> {
         let (planner, components) = (&mut self.planner, &self.components);
         let plan = self.merger.on_pool(|| planner.plan(step, components));
         self.has_more = plan.is_cut;
@@ -218,7 +222,7 @@ impl Collector {
             return Ok(None);
         }
         let load = self.load(step, &plan);
-        if load.is_held() {
+        if load.is_deferred() {
             return Ok(None);
         }
         let is_due = self.table.may_merge(load, Instant::now());
@@ -231,7 +235,7 @@ impl Collector {
         if !is_due {
             return Ok(None);
         }
-        let is_taken = self.take_all(step, &plan.released, Some(TAKING))?;
+        let is_taken = self.update_all(step, &plan.released, Some(TAKING))?;
         self.whole.look_after(&self.table, Instant::now());
         if !self.whole.is_new && !self.whole.is_left && !self.scans.has_new() {
             return if plan.ready.is_none() { Ok(None) } else { self.look_at(step, &plan) };
@@ -262,22 +266,22 @@ impl Collector {
 
     /// Looks at the parts of the maps by which it is to be seen who met whom. What was found, beside what is known of all
     /// maps.
-    fn look_at(&mut self, step: &Step, plan: &Plan) -> Result<Option<Found>> {
+    fn look_at(&mut self, step: &Step, plan: &Plan) -> Result<Option<MergeResults>> {
         (self.looked, self.has_more) = (true, true);
-        let is_news =
+        let has_changed =
             self.parts.look(plan, &self.components, &self.merger, &self.folder, step, &mut self.planner)?;
-        Ok(is_news.then(|| self.all_found()))
+        Ok(has_changed.then(|| self.all_found()))
     }
 
     /// What was found by all maps and beside that by parts, as it is told.
-    fn all_found(&self) -> Found {
+    fn all_found(&self) -> MergeResults {
         let known = self.whole.found.clone().and(self.scans.found().clone());
         self.parts.overlaid_by(&known, self.planner.prefetcher.pending())
     }
 
     /// Puts together what is there of the maps of which all is fetched, and writes those that are whole; no further one once
     /// that took so long. Whether all are.
-    fn take_all(
+    fn update_all(
         &mut self,
         step: &Step,
         released: &BTreeSet<Identity>,
@@ -297,12 +301,12 @@ impl Collector {
             if time.is_some_and(|time| begun.elapsed() >= time) {
                 return Ok(false);
             }
-            match self.merger.on_pool(|| self.whole.maps.take(snapshot, None, &place)) {
+            match self.merger.on_pool(|| self.whole.maps.update(snapshot, None, &place)) {
                 Ok(Some(SensorKind::Camera)) => self.whole.came(),
                 Ok(Some(SensorKind::Lidar)) => self.scans.came(),
                 Ok(None) => {}
-                Err(NotTaken::Wrong(reason)) => step.leave_out(snapshot.agent, reason),
-                Err(NotTaken::Unwritten(error)) => return Err(error),
+                Err(NotUpdated::Wrong(reason)) => step.leave_out(snapshot.agent, reason),
+                Err(NotUpdated::Unwritten(error)) => return Err(error),
             }
         }
         Ok(true)
@@ -317,7 +321,7 @@ impl Collector {
         optimise_when: OptimiseWhen,
         is_taken: bool,
         is_awaited: bool,
-    ) -> Result<Option<Found>> {
+    ) -> Result<Option<MergeResults>> {
         let mut done = Vec::new();
         if self.whole.is_new || self.whole.is_left {
             let round = Round { optimise_when, is_taken, is_awaited, components: &self.components, step };
@@ -334,7 +338,7 @@ impl Collector {
             let (scans, listeners) = (&mut self.scans, &mut self.listeners);
             let merged = self.merger.on_pool(|| scans.merge(&lent, at_rest, listeners, step.stop));
             done.push(merged.map(|()| true));
-            self.whole.maps.take_scans_back(lent);
+            self.whole.maps.return_scans(lent);
         }
         let mut is_merged = false;
         for result in done {
@@ -345,6 +349,6 @@ impl Collector {
 
     /// Takes the common map that was made beside, if it is, or waits for it. Whether anything is to be told.
     fn optimised(&mut self, step: &Step, waits: bool) -> Result<bool> {
-        step.merged(self.whole.take_settled(waits, &mut self.table, &mut self.listeners))
+        step.merged(self.whole.adopt_finished(waits, &mut self.table, &mut self.listeners))
     }
 }

@@ -9,7 +9,7 @@ use crate::merging::{
 };
 use crate::results::Results;
 use anyhow::Result;
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use map::Identity;
 use merge::common_map::Fused;
 use std::collections::BTreeSet;
@@ -50,7 +50,7 @@ pub(super) struct Optimised {
     /// A map for each group of agents that hang together.
     pub fused: Vec<Fused>,
     /// Where the agents are.
-    pub found: Found,
+    pub found: MergeResults,
     /// Merges that the joint pose graph took back, and why.
     pub undone: Vec<([Identity; 2], String)>,
     /// Whether any two met; otherwise there is nothing to write.

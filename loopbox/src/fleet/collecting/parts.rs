@@ -1,17 +1,17 @@
 //! Parts of maps by which it is seen whether they met, before all of them is here.
 
 use super::SHARE;
-use super::merger::{Looking, Merger, met};
+use super::merger::{Looking, Merger, merged_pairs};
 use super::planning::Planner;
 use super::step::Step;
-use crate::fleet::agents::{Inputs, Maps, NotTaken};
+use crate::fleet::agents::{Inputs, Maps, NotUpdated};
 use crate::fleet::components::Components;
 use crate::fleet::merge_results::{found, lacking};
 use crate::fleet::prefetch::Plan;
 use crate::fleet::remembering::Content;
 use crate::merging::{Input, Merging};
 use anyhow::Result;
-use fleet::merge_results::{Found, FoundAgent};
+use fleet::merge_results::{MergeResults, PlacedAgent};
 use map::{Identity, KeyframeId};
 use sources::Stop;
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,13 +23,13 @@ pub(super) struct Parts {
     maps: Maps,
     /// Keyframes by which parts were looked at; what was looked at once is not taken away from them.
     only: BTreeMap<Identity, BTreeSet<KeyframeId>>,
-    found: Found,
+    found: MergeResults,
 }
 
 impl Parts {
     /// What was found by parts beside all that is `known` of whole maps, where nothing is said yet of `pending` pairs, which are
     /// looked at more closely.
-    pub fn overlaid_by(&self, known: &Found, pending: Vec<[Identity; 2]>) -> Found {
+    pub fn overlaid_by(&self, known: &MergeResults, pending: Vec<[Identity; 2]>) -> MergeResults {
         let mut found = self.found.clone().overlaid_by(known);
         let names: Vec<[String; 2]> =
             pending.into_iter().map(|pair| pair.map(|agent| agent.to_string())).collect();
@@ -45,8 +45,8 @@ impl Parts {
 
     /// What whole maps say stands; of what they do not say yet what was found here, while pairs of them `is_left` or they say it
     /// of less of a map than was looked at here.
-    pub fn supersede(&mut self, whole: &Found, is_left: bool) {
-        let is_whole = |part: &FoundAgent| {
+    pub fn supersede(&mut self, whole: &MergeResults, is_left: bool) {
+        let is_whole = |part: &PlacedAgent| {
             let mut whole = whole.agents.iter().filter(|whole| whole.agent == part.agent);
             whole.any(|whole| whole.keyframes >= part.keyframes)
         };
@@ -75,10 +75,10 @@ impl Parts {
         let place = step.place(folder, &merger.vocabulary);
         for snapshot in &step.all {
             let Some(only) = self.only.get(&snapshot.agent) else { continue };
-            match merger.on_pool(|| self.maps.take(snapshot, Some(only), &place)) {
+            match merger.on_pool(|| self.maps.update(snapshot, Some(only), &place)) {
                 Ok(_) => {}
-                Err(NotTaken::Wrong(reason)) => step.leave_out(snapshot.agent, reason),
-                Err(NotTaken::Unwritten(error)) => return Err(error),
+                Err(NotUpdated::Wrong(reason)) => step.leave_out(snapshot.agent, reason),
+                Err(NotUpdated::Unwritten(error)) => return Err(error),
             }
         }
         let maps = self.maps.of_cameras();
@@ -95,7 +95,11 @@ impl Parts {
         match looked {
             Ok(Some((left, merging))) => {
                 pairs.retain(|names| !left.contains(names));
-                planner.prefetcher.record_outcome(&met(&merging, &maps.contents), &pairs, &*step.store);
+                planner.prefetcher.record_outcome(
+                    &merged_pairs(&merging, &maps.contents),
+                    &pairs,
+                    &*step.store,
+                );
                 // Pairs that were forgotten since they were looked at are not among these.
                 let mut before = std::mem::take(&mut self.found);
                 let there: BTreeSet<String> =

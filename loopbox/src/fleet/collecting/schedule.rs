@@ -10,7 +10,7 @@ pub(in crate::fleet) const WRITE_INTERVAL: Duration = Duration::from_secs(30);
 /// How long whole maps wait where parts may give an agent its place.
 const WHOLE_MAPS_INTERVAL: Duration = Duration::from_secs(3);
 /// How often is told what moves nobody.
-const TELL_INTERVAL: Duration = Duration::from_secs(2);
+const REPORT_INTERVAL: Duration = Duration::from_secs(2);
 /// Time between joint pose graphs in terms of that which one takes, while pairs are left.
 const OPTIMISE_FACTOR: u32 = 10;
 /// How long nothing is tried again after the disk was full.
@@ -54,7 +54,7 @@ pub(super) struct Load {
 
 impl Load {
     /// Whether nothing is begun just now, for what is there gives nobody a place and what gives one comes in a moment.
-    pub fn is_held(&self) -> bool {
+    pub fn is_deferred(&self) -> bool {
         self.is_coming && self.is_alone && !self.is_over && !self.may_join && !self.may_place
     }
 }
@@ -85,8 +85,8 @@ impl Schedule {
     }
 
     /// Whether what moves nobody is to be told.
-    pub fn may_tell(&self, now: Instant) -> bool {
-        since(self.published, now) >= TELL_INTERVAL
+    pub fn may_report(&self, now: Instant) -> bool {
+        since(self.published, now) >= REPORT_INTERVAL
     }
 
     /// Whether the common map is to be written while maps grow.
@@ -180,7 +180,7 @@ mod tests {
     #[test]
     fn a_station_begins_nothing_that_gives_nobody_a_place_while_what_gives_one_comes() {
         let coming = Load { is_coming: true, is_alone: true, is_left: true, ..Load::default() };
-        assert!(coming.is_held());
+        assert!(coming.is_deferred());
         let begun = [
             Load { is_coming: false, ..coming },
             Load { is_alone: false, ..coming },
@@ -188,7 +188,7 @@ mod tests {
             Load { may_join: true, ..coming },
             Load { may_place: true, ..coming },
         ];
-        assert!(begun.iter().all(|load| !load.is_held()));
+        assert!(begun.iter().all(|load| !load.is_deferred()));
     }
 
     #[test]
@@ -220,8 +220,8 @@ mod tests {
         assert!(!table.waits_for_room(start));
         table.found_full(start);
         assert!(table.waits_for_room(start + 4 * S) && !table.waits_for_room(start + 5 * S));
-        assert!(table.may_tell(start + 2 * S) && !table.may_tell(start + S));
+        assert!(table.may_report(start + 2 * S) && !table.may_report(start + S));
         table.mark_published(start + S);
-        assert!(!table.may_tell(start + 2 * S));
+        assert!(!table.may_report(start + 2 * S));
     }
 }

@@ -3,7 +3,7 @@
 use super::Failed;
 use crate::fleet::agents::Place;
 use anyhow::Result;
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use fleet::node::MapSnapshot;
 use fleet::service::Service;
 use fleet::store::{FolderStore, Objects, Pin};
@@ -25,7 +25,7 @@ pub(super) struct Step<'a> {
     /// Is told what people should know.
     pub warn: &'a (dyn Fn(&str) + Sync),
     /// What others found.
-    pub remote_results: &'a [Arc<Found>],
+    pub remote_results: &'a [Arc<MergeResults>],
     /// Ends what takes long.
     pub stop: &'a Stop,
 }
@@ -34,7 +34,7 @@ impl<'a> Step<'a> {
     /// By what is here now.
     pub fn new(
         service: &'a Service,
-        remote_results: &'a [Arc<Found>],
+        remote_results: &'a [Arc<MergeResults>],
         warn: &'a (dyn Fn(&str) + Sync),
         stop: &'a Stop,
     ) -> Self {
@@ -65,7 +65,7 @@ impl<'a> Step<'a> {
     /// When the results cannot be written.
     pub fn merged(&self, result: Result<bool, Failed>) -> Result<bool> {
         match result {
-            Ok(is_news) => return Ok(is_news),
+            Ok(has_changed) => return Ok(has_changed),
             Err(Failed::Merge(_)) if self.stop.requested() => {}
             // What is wrong with these maps may be mended by more of them.
             Err(Failed::Merge(error)) => (self.warn)(&format!("the maps are not merged: {error:#}")),

@@ -1,7 +1,7 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
 use super::keeping::Keeper;
-use super::merger::{Looking, Merger, met};
+use super::merger::{Looking, Merger, merged_pairs};
 use super::optimisation::{Job, Outcome, optimise};
 use super::planning::Planner;
 use super::schedule::Schedule;
@@ -9,14 +9,14 @@ use super::step::Step;
 use super::worker::Worker;
 use super::{Failed, SHARE};
 use crate::fleet::agents::{Inputs, Maps};
+use crate::fleet::common_listener::CommonListener;
 use crate::fleet::components::Components;
-use crate::fleet::listening::CommonListener;
 use crate::fleet::merge_results::found;
 use crate::fleet::remembering::Content;
 use crate::merging::{Input, pairs};
 use crate::results::Results;
 use anyhow::Result;
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use map::{Identity, SensorKind};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ pub(super) struct Whole {
     /// The maps, those of LiDARs too.
     pub maps: Maps,
     /// What was found by cameras' maps.
-    pub found: Found,
+    pub found: MergeResults,
     /// Merges that the joint pose graph took back, and why.
     undone: Vec<([Identity; 2], String)>,
     /// The maps of which the agents' places were told last.
@@ -152,7 +152,7 @@ impl Whole {
         let folder = self.verdicts.clone();
         let keeper = Keeper { folder: &folder, maps: &maps, params: &merger.params, warn: step.warn };
         let is_recalled = exactly && keeper.recall(&mut self.maps.memory);
-        let places = self.maps.memory.take_places(contents);
+        let places = self.maps.memory.remove_places(contents);
         let look = |comes: &(dyn Fn() -> bool + Sync)| {
             let is_awaited = || round.is_awaited || comes();
             let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited: &is_awaited };
@@ -179,7 +179,7 @@ impl Whole {
             self.states.optimised != self.states.now && (is_due || table.may_optimise(self.is_left, now));
         let optimises =
             (optimises || writes) && self.optimiser.is_idle() && round.optimise_when != OptimiseWhen::Later;
-        let is_published = !looked.is_news && self.published_maps == *contents && !table.may_tell(now);
+        let is_published = !looked.is_news && self.published_maps == *contents && !table.may_report(now);
         if self.is_left && is_published && !optimises {
             return Ok(false);
         }
@@ -190,7 +190,7 @@ impl Whole {
         self.published_maps.clone_from(contents);
         let open = self.open(&maps);
         self.found = found(&maps.inputs, &merging, &maps.whole, |pair| open.contains(&pair));
-        planner.prefetcher.met(&met(&merging, contents));
+        planner.prefetcher.mark_merged(&merged_pairs(&merging, contents));
         let Some(results) = self.results.take_if(|_| optimises) else { return Ok(true) };
         let (revision, params) = (self.states.now, merger.params.clone());
         let job = Job { revision, maps, open, pair_results: merging.pair_results, params, results, writes };
@@ -209,11 +209,11 @@ impl Whole {
         Failed::Merge(error)
     }
 
-    /// Takes what was settled, once that is done, or waits for it where that is asked for; whether anything is to be told.
+    /// Adopts the common map that was optimised beside, once it is made, or waits for it where that is asked for; whether anything is to be told.
     ///
     /// # Errors
     /// When the maps cannot be merged or the results not be written.
-    pub fn take_settled(
+    pub fn adopt_finished(
         &mut self,
         waits: bool,
         table: &mut Schedule,
@@ -226,7 +226,7 @@ impl Whole {
         }
     }
 
-    /// Takes what was settled: all of it if nothing changed since; else what the joint pose graph took back, and it is told
+    /// Adopts an optimised common map: all of it if nothing changed since; else what the joint pose graph took back, and it is told
     /// anew where the agents are without that.
     fn adopt(
         &mut self,
@@ -286,7 +286,7 @@ mod tests {
     use super::super::optimisation::Optimised;
     use super::*;
     use crate::results::Owner;
-    use fleet::merge_results::FoundAgent;
+    use fleet::merge_results::PlacedAgent;
     use map::Uuid;
     use std::io::{Error, ErrorKind};
     use std::path::Path;
@@ -296,11 +296,11 @@ mod tests {
         Identity { uuid: Uuid::from_u128(number), epoch: 0 }
     }
 
-    fn found(number: u128) -> Found {
+    fn found(number: u128) -> MergeResults {
         let (agent, root) = (agent(number).to_string(), agent(number).to_string());
         let (name, root_from_agent) = (String::new(), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]);
-        let agents = vec![FoundAgent { agent, name, keyframes: 9, whole: true, root, root_from_agent }];
-        Found { agents, pair_verdicts: Vec::new() }
+        let agents = vec![PlacedAgent { agent, name, keyframes: 9, whole: true, root, root_from_agent }];
+        MergeResults { agents, pair_verdicts: Vec::new() }
     }
 
     /// One at work on state 3, and what comes of it.
@@ -321,7 +321,7 @@ mod tests {
         let (mut whole, outcome) = at_work(room.path(), Some(Ok(())));
         let mut table = Schedule::new(Instant::now());
         assert!(!whole.is_done());
-        assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|is_news| is_news));
+        assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|has_changed| has_changed));
         assert!(whole.found == found(3) && whole.is_done() && whole.results.is_some());
         assert!(!table.may_optimise(true, Instant::now()));
     }
@@ -334,8 +334,8 @@ mod tests {
         let mut table = Schedule::new(start);
         whole.came();
         whole.is_new = false;
-        assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|is_news| !is_news));
-        assert!(whole.found == Found::default() && whole.undone.len() == 1);
+        assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|has_changed| !has_changed));
+        assert!(whole.found == MergeResults::default() && whole.undone.len() == 1);
         // Where agents are without what was taken back is to be said.
         assert!(std::mem::take(&mut whole.is_new) && !whole.is_done());
         whole.is_left = true;

@@ -40,7 +40,7 @@ impl KnownMap {
     ///
     /// # Errors
     /// When a digest is none.
-    pub fn take(
+    pub fn update(
         &mut self,
         snapshot: &MapSnapshot,
         store: &dyn Objects,

@@ -57,7 +57,7 @@ pub(super) struct Plan {
 }
 
 /// Two agents that met, as merging has it.
-pub(super) struct Met<'a> {
+pub(super) struct MergedPair<'a> {
     /// Whose map is the target, and whose the source.
     pub agents: [Identity; 2],
     /// target_world_from_source_world.
@@ -87,7 +87,7 @@ impl Prefetcher {
         let mut plan = Plan::default();
         for snapshot in all {
             let known_map = self.agents.entry(snapshot.agent).or_default();
-            if let Err(reason) = known_map.take(snapshot, store, &self.vocabulary) {
+            if let Err(reason) = known_map.update(snapshot, store, &self.vocabulary) {
                 plan.wrong.push((snapshot.agent, reason));
             }
         }
@@ -194,7 +194,7 @@ impl Prefetcher {
                 let are_whole = are_here[number] && are_here[at];
                 if are_whole || *first == firsts[number] && !pair.is_confirming() {
                     if pair.is_pending() {
-                        pair.give_up();
+                        pair.abandon();
                     }
                     continue;
                 }
@@ -214,7 +214,12 @@ impl Prefetcher {
 
     /// Takes note of what a merge of the parts found of the pairs that were `looked_at`, the smaller identity first: those that
     /// met. Others that were ready meanwhile still are, and who is gone meanwhile met nobody.
-    pub fn record_outcome(&mut self, met: &[Met], looked_at: &BTreeSet<[Identity; 2]>, store: &dyn Objects) {
+    pub fn record_outcome(
+        &mut self,
+        met: &[MergedPair],
+        looked_at: &BTreeSet<[Identity; 2]>,
+        store: &dyn Objects,
+    ) {
         let is_there = |names: &[Identity; 2]| names.iter().all(|name| self.agents.contains_key(name));
         let ready = looked_at.iter().filter(|names| self.pairs.get(*names).is_some_and(Pair::is_ready));
         let ready: Vec<[Identity; 2]> = ready.filter(|names| is_there(names)).copied().collect();
@@ -228,7 +233,7 @@ impl Prefetcher {
                 keyframes.iter().zip(&here).all(|(wanted, here)| wanted.iter().all(|id| here.contains(id)))
             };
             match keyframes {
-                Some(keyframes) if has_all(&keyframes) => pair.met(),
+                Some(keyframes) if has_all(&keyframes) => pair.mark_merged(),
                 keyframes => pair.record_outcome(keyframes),
             }
         }
@@ -240,16 +245,21 @@ impl Prefetcher {
     }
 
     /// Takes note of pairs that met by all that is here.
-    pub fn met(&mut self, met: &[Met]) {
+    pub fn mark_merged(&mut self, met: &[MergedPair]) {
         for (names, pair) in &mut self.pairs {
             if met.iter().any(|met| names.iter().all(|name| met.agents.contains(name))) {
-                pair.met();
+                pair.mark_merged();
             }
         }
     }
 
     /// The keyframes of both agents that overlap by their motion and are to be looked at.
-    fn overlapping(&self, names: [Identity; 2], met: &Met, store: &dyn Objects) -> [Vec<KeyframeId>; 2] {
+    fn overlapping(
+        &self,
+        names: [Identity; 2],
+        met: &MergedPair,
+        store: &dyn Objects,
+    ) -> [Vec<KeyframeId>; 2] {
         let [target, source] = met.agents.map(|agent| &self.agents[&agent]);
         let (Some((to_camera, to_poses)), Some((from_camera, from_poses))) =
             (target.places(store), source.places(store))

@@ -50,7 +50,7 @@ enum Stage {
     /// The motion found is looked at with more keyframes.
     Confirming { keyframes: [Vec<KeyframeId>; 2], is_ready: bool },
     /// They met.
-    Met,
+    Merged,
     /// They did not, as far as can be seen.
     Apart,
 }
@@ -94,7 +94,7 @@ impl Pair {
             return Step::Idle;
         }
         let now = [a.version, b.version];
-        if std::mem::replace(&mut self.seen, now) != now && self.stage != Stage::Met {
+        if std::mem::replace(&mut self.seen, now) != now && self.stage != Stage::Merged {
             self.stage = Stage::New;
         }
         if self.stage == Stage::New {
@@ -138,7 +138,7 @@ impl Pair {
             self.wholes = [&*a, &*b].map(|map| map.lacks(&map.all(), store).is_empty());
             // Where both are here, they are merged as wholes anyway.
             if self.wholes[0] == self.wholes[1] {
-                self.give_up();
+                self.abandon();
             }
         }
         let keyframes = self.keyframes([&*a, &*b]);
@@ -180,7 +180,7 @@ impl Pair {
                 self.places.truncate(*places);
                 Stage::Confirming { keyframes, is_ready: false }
             }
-            (Stage::Confirming { .. }, Some(_)) => Stage::Met,
+            (Stage::Confirming { .. }, Some(_)) => Stage::Merged,
             (Stage::Trying { places, .. }, None) if *places < self.places.len() => {
                 Stage::Trying { places: (2 * places).min(self.places.len()), is_ready: false }
             }
@@ -188,19 +188,19 @@ impl Pair {
                 self.by_wholes = true;
                 Stage::Trying { places: *places, is_ready: false }
             }
-            _ => return self.give_up(),
+            _ => return self.abandon(),
         };
     }
 
     /// Looks no further at parts of the maps.
-    pub fn give_up(&mut self) {
+    pub fn abandon(&mut self) {
         self.vain.extend(self.places.drain(..));
         self.stage = Stage::Apart;
     }
 
     /// They met by all that is here.
-    pub fn met(&mut self) {
-        self.stage = Stage::Met;
+    pub fn mark_merged(&mut self) {
+        self.stage = Stage::Merged;
     }
 
     /// Whether all is here that is to be merged.

@@ -1,7 +1,7 @@
 //! What neighbours found out: the last of each, of as many nodes as a peer may have.
 
 use super::status::RemoteResults;
-use fleet::merge_results::Found;
+use fleet::merge_results::MergeResults;
 use map::Uuid;
 use std::sync::Arc;
 
@@ -11,17 +11,17 @@ const OF_ALL: usize = 64;
 
 /// What neighbours found out, the last that was heard at the end.
 #[derive(Default)]
-pub(super) struct FoundOut(Vec<One>);
+pub(super) struct ReceivedResults(Vec<One>);
 
 struct One {
     from: Uuid,
     peer: Option<Uuid>,
-    found: Arc<Found>,
+    found: Arc<MergeResults>,
 }
 
-impl FoundOut {
+impl ReceivedResults {
     /// A node found something out. How many pairs it had merged by what was known of it before.
-    pub fn take(&mut self, from: Uuid, peer: Option<Uuid>, found: Found) -> Option<usize> {
+    pub fn insert(&mut self, from: Uuid, peer: Option<Uuid>, found: MergeResults) -> Option<usize> {
         let before = self.0.iter().position(|one| one.from == from).map(|at| self.0.remove(at));
         self.0.push(One { from, peer, found: found.into() });
         let most = if peer.is_some() { PER_PEER } else { OF_ALL };
@@ -46,16 +46,16 @@ mod tests {
 
     #[test]
     fn a_peer_that_claims_to_be_many_takes_no_more_than_its_own_place() {
-        let mut received = FoundOut::default();
+        let mut received = ReceivedResults::default();
         let (honest, hostile) = (Uuid::from_u128(1), Uuid::from_u128(2));
-        assert_eq!(received.take(honest, Some(honest), Found::default()), None);
+        assert_eq!(received.insert(honest, Some(honest), MergeResults::default()), None);
         for number in 0..1000 {
-            received.take(Uuid::from_u128(10 + number), Some(hostile), Found::default());
+            received.insert(Uuid::from_u128(10 + number), Some(hostile), MergeResults::default());
         }
         let named: Vec<String> = received.all().into_iter().map(|(name, _)| name).collect();
         assert_eq!(named.len(), 1 + PER_PEER);
         assert!(named.contains(&honest.to_string()));
         assert!(named.contains(&Uuid::from_u128(1009).to_string()));
-        assert_eq!(received.take(honest, Some(honest), Found::default()), Some(0));
+        assert_eq!(received.insert(honest, Some(honest), MergeResults::default()), Some(0));
     }
 }

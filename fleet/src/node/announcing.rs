@@ -1,11 +1,11 @@
 //! What a node says by itself: signs of life, what it has, what it wants, and why it has nothing more to do with somebody.
 
 use super::publishing::Own;
-use super::{Action, BEAT, Link, LinkId, News, Node, RemoteMap, SILENCE, STATES, UNWRITTEN};
+use super::{Action, BEAT, Link, LinkId, Node, Notice, RemoteMap, SILENCE, STATES, UNWRITTEN};
 use crate::bytes::cut;
 use crate::hash::ObjectHash;
 use crate::manifest::MAX_LIST;
-use crate::merge_results::{ByAgent, Found};
+use crate::merge_results::{ByAgent, MergeResults};
 use crate::wire::{MAX_NAME, MAX_REASON, Message, ResultsRef};
 use map::Uuid;
 use std::collections::BTreeSet;
@@ -14,10 +14,10 @@ use std::time::Duration;
 
 /// How often a neighbour is told anew what was found out, at the most: the time by the number of links, as it takes some
 /// milliseconds to say it to one.
-const RETELL: Duration = Duration::from_millis(10);
+const RESULTS_INTERVAL: Duration = Duration::from_millis(10);
 
 /// What a neighbour is told of what was found out.
-pub(super) struct Retold {
+pub(super) struct SentResults {
     pub known: ResultsRef,
     pub bytes: Vec<u8>,
     /// Of which version it is, and when it was made.
@@ -27,16 +27,16 @@ pub(super) struct Retold {
 
 impl Node {
     /// Something new was found out.
-    pub(super) fn take_results(&mut self, revision: u64, found: Arc<Found>) {
+    pub(super) fn set_results(&mut self, revision: u64, found: Arc<MergeResults>) {
         self.results = Some((revision, ByAgent::new(found)));
         self.links.values_mut().for_each(|link| link.beat = None);
     }
 
     /// What was found out, as a neighbour is told it: of what concerns the agents that it tells, and where all are.
-    fn retold(&self, now: Duration, link: &Link, node: Uuid) -> Option<Retold> {
+    fn results_for(&self, now: Duration, link: &Link, node: Uuid) -> Option<SentResults> {
         let (revision, found) = self.results.as_ref()?;
-        let pause = RETELL * self.links.len() as u32;
-        if let Some(known) = &link.retold
+        let pause = RESULTS_INTERVAL * self.links.len() as u32;
+        if let Some(known) = &link.sent_results
             && (known.of == *revision || now < known.made + pause)
         {
             return None;
@@ -46,7 +46,7 @@ impl Node {
         let bytes = found.about(&agents).to_bytes_within(MAX_LIST as usize);
         let known =
             ResultsRef { revision: *revision, size: bytes.len() as u32, hash: ObjectHash::of(&bytes) };
-        Some(Retold { known, bytes, of: *revision, made: now })
+        Some(SentResults { known, bytes, of: *revision, made: now })
     }
 
     /// Signs of life, and the end of links that give none.
@@ -70,19 +70,19 @@ impl Node {
             .collect();
         for link in due {
             self.ask_again(now, link);
-            self.tell(now, link);
+            self.announce(now, link);
         }
     }
 
     /// Says on a link who one is and what one has.
-    pub(super) fn tell(&mut self, now: Duration, link: LinkId) {
+    pub(super) fn announce(&mut self, now: Duration, link: LinkId) {
         let Some(known) = self.links.get(&link) else { return };
-        let retold = known.node.and_then(|node| self.retold(now, known, node));
+        let sent_results = known.node.and_then(|node| self.results_for(now, known, node));
         let Some(known) = self.links.get_mut(&link) else { return };
-        if retold.is_some() {
-            known.retold = retold;
+        if sent_results.is_some() {
+            known.sent_results = sent_results;
         }
-        let Link { cycle, node, retold, .. } = &*known;
+        let Link { cycle, node, sent_results, .. } = &*known;
         let [oldest, newest] = self.config.versions;
         let mut outgoing = vec![Message::Speaks { oldest, newest }];
         outgoing.push(Message::Hello {
@@ -90,12 +90,12 @@ impl Node {
             node: self.config.node,
             role: self.config.role,
             name: cut(&self.config.name, MAX_NAME).to_owned(),
-            results: retold.as_ref().map(|retold| retold.known),
+            results: sent_results.as_ref().map(|sent_results| sent_results.known),
         });
         let own: Vec<Message> = self.own.values().filter_map(Own::announcement).collect();
         let of_neighbour = self.remote_maps.values().filter(|remote| Some(remote.publisher) == *node);
-        let held: Vec<Message> = of_neighbour.map(RemoteMap::held).collect();
-        for mut states in [own, held] {
+        let acknowledgements: Vec<Message> = of_neighbour.map(RemoteMap::acknowledgement).collect();
+        for mut states in [own, acknowledgements] {
             let count = states.len().max(1);
             states.rotate_left(cycle.wrapping_mul(STATES) % count);
             outgoing.extend(states.into_iter().take(STATES));
@@ -110,7 +110,7 @@ impl Node {
         let before = neighbour.later.len();
         neighbour.later.retain(|_, at| *at > now);
         if neighbour.later.len() < before {
-            self.want(node);
+            self.plan_fetch(node);
         }
     }
 
@@ -137,7 +137,7 @@ impl Node {
         let text = format!("{named} is refused: {reason}");
         self.send(link, &Message::Refused { reason: cut(&reason, MAX_REASON).to_owned() });
         self.forget(link, "it is refused");
-        self.actions.push(Action::News(News::Trouble(text.clone())));
+        self.actions.push(Action::Notify(Notice::Trouble(text.clone())));
         self.actions.push(Action::Close { link, reason: text });
     }
 
@@ -148,7 +148,7 @@ impl Node {
             (neighbour.link, neighbour.changed) = (None, self.now);
             neighbour.fetch.lost();
             let (name, reason) = (neighbour.name.clone(), reason.to_owned());
-            self.actions.push(Action::News(News::Gone { name, reason }));
+            self.actions.push(Action::Notify(Notice::Disconnected { name, reason }));
         }
     }
 

@@ -4,12 +4,12 @@ use super::RemoteMap;
 use crate::assembling::read_page;
 use crate::hash::ObjectHash;
 use crate::keys::Signature;
-use crate::link::Want;
+use crate::link::ObjectRef;
 use crate::manifest::{ENTRIES, Kind, Manifest, Page};
 use crate::node::quota::Load;
-use crate::node::{Action, LinkId, Lists, News, Node, Quota};
+use crate::node::{Action, LinkId, Lists, Node, Notice, Quota};
 use crate::store::Head;
-use crate::wire::Offer;
+use crate::wire::MapVersion;
 use map::{Identity, Uuid};
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -19,47 +19,47 @@ const PARTIAL_PAGES: usize = 2;
 
 impl Node {
     /// A neighbour says which version of a map it has.
-    pub(in crate::node) fn offered(
+    pub(in crate::node) fn handle_version(
         &mut self,
         link: LinkId,
         node: Uuid,
-        offer: Offer,
+        version: MapVersion,
         signature: Option<Signature>,
     ) {
         let Some(known) = self.links.get(&link) else { return };
-        if let Err(reason) = self.may_tell(known, &offer, signature.as_ref()) {
+        if let Err(reason) = self.authorise(known, &version, signature.as_ref()) {
             return self.refuse(link, reason);
         }
         let peer = known.peer.as_ref().map(|peer| peer.id);
-        if self.own.contains_key(&offer.agent) {
-            let agent = offer.agent;
+        if self.own.contains_key(&version.agent) {
+            let agent = version.agent;
             let reason = format!(
                 "it tells the map of agent {agent}, which is told here: two runs of one recording are one agent"
             );
             return self.refuse(link, reason);
         }
-        let is_linked = self.remote_maps.get(&offer.agent).is_some_and(|remote| self.is_near(remote));
-        match self.remote_maps.get_mut(&offer.agent) {
+        let is_linked = self.remote_maps.get(&version.agent).is_some_and(|remote| self.is_near(remote));
+        match self.remote_maps.get_mut(&version.agent) {
             None => {
                 let count = self.remote_maps.values().filter(|remote| remote.is_of(node, peer)).count();
                 if count >= self.config.quota.maps {
                     return self.refuse(link, format!("it tells more than {count} maps, as many as one may"));
                 }
-                let remote = RemoteMap::new(node, peer, offer, !self.config.waits);
-                self.remote_maps.insert(offer.agent, remote);
+                let remote = RemoteMap::new(node, peer, version, !self.config.waits);
+                self.remote_maps.insert(version.agent, remote);
             }
             Some(remote) if remote.publisher != node && is_linked => {
-                let agent = offer.agent;
+                let agent = version.agent;
                 return self
                     .refuse(link, format!("it tells the map of agent {agent}, which another one tells"));
             }
             Some(remote) => {
-                if offer.version() < remote.offer.version() {
+                if version.order() < remote.version.order() {
                     // An older one, that comes late or is told again by who must not: the newer stays.
                     return;
                 }
-                let is_new = offer.version() > remote.offer.version();
-                if !is_new && offer.hash != remote.offer.hash {
+                let is_new = version.order() > remote.version.order();
+                if !is_new && version.hash != remote.version.hash {
                     let reason = "it tells two maps as the same version of one".into();
                     return self.refuse(link, reason);
                 }
@@ -68,26 +68,26 @@ impl Node {
                 if !is_new && !has_new_publisher {
                     return;
                 }
-                remote.offer = offer;
+                remote.version = version;
                 // Pages that came may be the next version's too.
                 remote.coming.manifest = None;
             }
         }
-        self.want(node);
+        self.plan_fetch(node);
     }
 
     /// What is to be fetched from a neighbour by now.
-    pub(in crate::node) fn want(&mut self, node: Uuid) {
+    pub(in crate::node) fn plan_fetch(&mut self, node: Uuid) {
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         let newer = neighbour.results.filter(|results| results.revision > neighbour.results_here);
-        let mut wanted: Vec<Want> =
-            newer.iter().map(|results| Want { hash: results.hash, size: results.size }).collect();
+        let mut wanted: Vec<ObjectRef> =
+            newer.iter().map(|results| ObjectRef { hash: results.hash, size: results.size }).collect();
         for remote in self.remote_maps.values_mut().filter(|remote| remote.publisher == node) {
-            wanted.extend(remote.wanted(&*self.store, &self.of_remote));
+            wanted.extend(remote.objects_to_fetch(&*self.store, &self.of_remote));
         }
         let mut seen = BTreeSet::new();
         wanted.retain(|want| !neighbour.later.contains_key(&want.hash) && seen.insert(want.hash));
-        neighbour.fetch.want(wanted);
+        neighbour.fetch.set_queue(wanted);
     }
 
     /// Fetches some objects before others, or others too.
@@ -98,17 +98,23 @@ impl Node {
         }
         (remote.preferred, remote.rest) = (objects, rest);
         let publisher = remote.publisher;
-        self.want(publisher);
+        self.plan_fetch(publisher);
     }
 
     /// An object came.
-    pub(in crate::node) fn object(&mut self, link: LinkId, node: Uuid, hash: ObjectHash, bytes: Vec<u8>) {
+    pub(in crate::node) fn handle_object(
+        &mut self,
+        link: LinkId,
+        node: Uuid,
+        hash: ObjectHash,
+        bytes: Vec<u8>,
+    ) {
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         if let Some(results) = neighbour.results.filter(|results| results.hash == hash) {
             neighbour.results_here = results.revision;
             self.arrivals += 1;
             let peer = neighbour.peer.as_ref().map(|peer| peer.id);
-            return self.actions.push(Action::News(News::Results { from: node, peer, bytes }));
+            return self.actions.push(Action::Notify(Notice::Results { from: node, peer, bytes }));
         }
         let bytes: Arc<[u8]> = bytes.into();
         let agents: Vec<_> = self
@@ -132,14 +138,15 @@ impl Node {
                 }
                 remote.came += 1;
                 self.store.put(&hash, Arc::clone(&bytes));
-                self.actions.extend(remote.snapshot(true).map(|snapshot| Action::News(News::Map(snapshot))));
+                self.actions
+                    .extend(remote.snapshot(true).map(|snapshot| Action::Notify(Notice::Map(snapshot))));
                 self.complete(agent);
             } else if !remote.is_newest() {
-                lists_came |= self.list(link, agent, &hash, &bytes);
+                lists_came |= self.handle_list(link, agent, &hash, &bytes);
             }
         }
         if lists_came {
-            self.want(node);
+            self.plan_fetch(node);
         }
         // Lists that came say what is awaited then.
         let is_next =
@@ -149,17 +156,17 @@ impl Node {
     }
 
     /// Takes a list of a map's newest version, if the object is one; whether there is more to fetch now.
-    fn list(&mut self, link: LinkId, agent: Identity, hash: &ObjectHash, bytes: &Arc<[u8]>) -> bool {
+    fn handle_list(&mut self, link: LinkId, agent: Identity, hash: &ObjectHash, bytes: &Arc<[u8]>) -> bool {
         let Some(remote) = self.remote_maps.get_mut(&agent) else { return false };
         let is_page = |(manifest, _): &(Manifest, _)| manifest.pages.iter().any(|page| page.hash == *hash);
-        let taken = if remote.offer.hash == *hash {
-            remote.take_manifest(bytes, &self.config.quota)
+        let taken = if remote.version.hash == *hash {
+            remote.adopt_manifest(bytes, &self.config.quota)
         } else if remote.coming.manifest.as_ref().is_some_and(is_page) {
             read_page(bytes).map(|page| drop(remote.coming.pages.insert(*hash, (page, Arc::clone(bytes)))))
         } else {
             return false;
         };
-        match taken.and_then(|()| self.take_lists(agent)) {
+        match taken.and_then(|()| self.adopt_lists(agent)) {
             Ok(()) => true,
             Err(reason) => {
                 self.refuse(link, reason);
@@ -172,7 +179,7 @@ impl Node {
     ///
     /// # Errors
     /// When they are none, or say more than may be told.
-    fn take_lists(&mut self, agent: Identity) -> Result<(), String> {
+    fn adopt_lists(&mut self, agent: Identity) -> Result<(), String> {
         let Some(remote) = self.remote_maps.get_mut(&agent) else { return Ok(()) };
         let Some((manifest, _)) = &remote.coming.manifest else { return Ok(()) };
         let page = |hash: &ObjectHash| {
@@ -181,23 +188,23 @@ impl Node {
         };
         let pages: Option<Vec<Page>> = manifest.pages.iter().map(|named| page(&named.hash)).collect();
         let Some(pages) = pages else { return Ok(()) };
-        let lists = Arc::new(Lists::new(remote.offer, manifest.clone(), pages)?);
+        let lists = Arc::new(Lists::new(remote.version, manifest.clone(), pages)?);
         let (publisher, peer) = (remote.publisher, remote.peer);
         // Not more than one may tell, with all else that is of the same.
         let others = self
             .remote_maps
             .values()
-            .filter(|remote| remote.offer.agent != agent && remote.is_of(publisher, peer));
+            .filter(|remote| remote.version.agent != agent && remote.is_of(publisher, peer));
         self.config.quota.check(Load::sum(others.map(RemoteMap::load).chain([lists.load])))?;
         let Some(remote) = self.remote_maps.get_mut(&agent) else { return Ok(()) };
         let coming = std::mem::take(&mut remote.coming);
-        let bytes = coming.manifest.map(|(_, bytes)| (remote.offer.hash, bytes));
+        let bytes = coming.manifest.map(|(_, bytes)| (remote.version.hash, bytes));
         let pages = coming.pages.into_iter().map(|(hash, (_, bytes))| (hash, bytes));
         pages.chain(bytes).for_each(|(hash, bytes)| self.store.put(&hash, bytes));
         self.of_remote.add(&lists);
         let before = remote.lists.clone();
         remote.set_lists(lists, &*self.store);
-        self.actions.extend(remote.snapshot(true).map(|snapshot| Action::News(News::Map(snapshot))));
+        self.actions.extend(remote.snapshot(true).map(|snapshot| Action::Notify(Notice::Map(snapshot))));
         before.iter().for_each(|before| self.release_remote(before));
         self.complete(agent);
         Ok(())
@@ -208,7 +215,7 @@ impl Node {
         let Some(remote) = self.remote_maps.get_mut(&agent) else { return };
         let is_due = remote.writing.is_none() && remote.is_unkept();
         let Some(lists) = remote.lists.clone().filter(|_| is_due) else { return };
-        let head = Head { manifest: lists.offer.hash, own: false, peer: remote.peer };
+        let head = Head { manifest: lists.map_version.hash, own: false, peer: remote.peer };
         self.of_remote.add(&lists);
         remote.writing = Some(lists);
         self.store.set_head(agent, head);
@@ -217,23 +224,23 @@ impl Node {
     /// Acknowledges a map that is whole, and on the disk.
     pub(in crate::node) fn completed(&mut self, agent: Identity, manifest: ObjectHash) {
         let Some(remote) = self.remote_maps.get_mut(&agent) else { return };
-        let Some(lists) = remote.writing.take_if(|lists| lists.offer.hash == manifest) else { return };
+        let Some(lists) = remote.writing.take_if(|lists| lists.map_version.hash == manifest) else { return };
         let is_whole =
             remote.missing.is_empty() || !Arc::ptr_eq(&lists, remote.lists.as_ref().unwrap_or(&lists));
         if is_whole {
-            remote.held = lists.offer.version();
+            remote.stored_version = lists.map_version.order();
         }
         let mut aside = BTreeSet::new();
-        if is_whole && remote.is_newest() && remote.held == remote.offer.version() {
+        if is_whole && remote.is_newest() && remote.stored_version == remote.version.order() {
             // What stood in for others is needed no more.
             aside = std::mem::take(&mut remote.previews_here);
         }
         let before = remote.whole.replace(lists);
-        let (held, publisher) = (remote.held(), remote.publisher);
+        let (acknowledgement, publisher) = (remote.acknowledgement(), remote.publisher);
         before.iter().for_each(|before| self.release_remote(before));
         self.set_aside(aside);
         if let Some(link) = self.neighbours.get(&publisher).and_then(|publisher| publisher.link) {
-            self.send(link, &held);
+            self.send(link, &acknowledgement);
         }
         // The next version may be whole by now.
         self.complete(agent);
@@ -242,10 +249,11 @@ impl Node {
 
 impl RemoteMap {
     /// Takes the manifest of the newest version, which came.
-    fn take_manifest(&mut self, bytes: &Arc<[u8]>, quota: &Quota) -> Result<(), String> {
+    fn adopt_manifest(&mut self, bytes: &Arc<[u8]>, quota: &Quota) -> Result<(), String> {
         let manifest = Manifest::from_bytes(bytes)
             .map_err(|what| format!("the list of its map's objects cannot be read: {what}"))?;
-        if manifest.agent != self.offer.agent || (manifest.begun, manifest.revision) != self.offer.version() {
+        if manifest.agent != self.version.agent || (manifest.begun, manifest.revision) != self.version.order()
+        {
             return Err("it tells another map than it says".into());
         }
         let most = PARTIAL_PAGES + quota.objects() / ENTRIES;

@@ -1,9 +1,9 @@
 //! What a node makes of what neighbours say.
 
-use super::{ASK_AGAIN, Action, BAN_DURATION, CUT, LINKS_OF_PEER, Link, LinkId, News, Node, part_of};
+use super::{ASK_AGAIN, Action, BAN_DURATION, CUT, LINKS_OF_PEER, Link, LinkId, Node, Notice, part_of};
 use crate::bytes::printable;
 use crate::keys::Peer;
-use crate::link::Taken;
+use crate::link::PartOutcome;
 use crate::wire::{Message, ResultsRef, Role};
 use map::{Identity, Uuid};
 use std::time::Duration;
@@ -20,24 +20,25 @@ impl Node {
         let is_known = self.unanswered.contains_key(&address);
         self.unanswered.entry(address.clone()).or_insert((self.now, String::new())).1.clone_from(&reason);
         if !is_known {
-            self.actions.push(Action::News(News::Unanswered { address, reason }));
+            self.actions.push(Action::Notify(Notice::Unanswered { address, reason }));
         }
     }
 
-    pub(super) fn up(&mut self, now: Duration, link: LinkId, address: String, peer: Option<Peer>) {
+    pub(super) fn link_opened(&mut self, now: Duration, link: LinkId, address: String, peer: Option<Peer>) {
         self.unanswered.remove(&address);
         let id = peer.as_ref().map(|peer| peer.id);
         let is_of_same = |link: &&Link| id.is_some() && link.peer.as_ref().map(|peer| peer.id) == id;
         let count = self.links.values().filter(is_of_same).count();
-        let (node, beat, bucket, speaks, retold) = Default::default();
-        let opened = Link { address, peer, node, last_received: now, beat, cycle: 0, bucket, speaks, retold };
+        let (node, beat, bucket, speaks, sent_results) = Default::default();
+        let opened =
+            Link { address, peer, node, last_received: now, beat, cycle: 0, bucket, speaks, sent_results };
         self.links.insert(link, opened);
         if count >= LINKS_OF_PEER {
             self.refuse(link, format!("its party has {count} links already"));
         }
     }
 
-    pub(super) fn received(&mut self, now: Duration, link: LinkId, message: Message) {
+    pub(super) fn handle_message(&mut self, now: Duration, link: LinkId, message: Message) {
         let Some(known) = self.links.get_mut(&link) else { return };
         let silent = now.saturating_sub(known.last_received);
         known.last_received = now;
@@ -48,7 +49,7 @@ impl Node {
             return self.refuse(link, reason);
         }
         if let Message::Hello { version, node, role, name, results } = message {
-            return self.hello(now, link, (version, node, role == Role::Station), name, results);
+            return self.handle_hello(now, link, (version, node, role == Role::Station), name, results);
         }
         if let Message::Speaks { oldest, newest } = message {
             known.speaks = Some([oldest, newest]);
@@ -57,7 +58,7 @@ impl Node {
         if let Message::Refused { reason } = message {
             let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
             let text = format!("{name} refused this one: {}", printable(&reason));
-            self.actions.push(Action::News(News::Trouble(text.clone())));
+            self.actions.push(Action::Notify(Notice::Trouble(text.clone())));
             self.forget(link, "it refused this one");
             return self.actions.push(Action::Close { link, reason: text });
         }
@@ -69,21 +70,21 @@ impl Node {
         }
         match message {
             Message::Hello { .. } | Message::Speaks { .. } | Message::Refused { .. } => {}
-            Message::State { offer, signature } => self.offered(link, node, offer, signature),
-            Message::Held { agent, begun, revision, missing } => {
+            Message::State { version, signature } => self.handle_version(link, node, version, signature),
+            Message::Stored { agent, begun, revision, missing } => {
                 // Of a map that is not told here nobody wants to know it.
                 let Some(own) = self.own.get(&agent) else { return };
-                let held = ((begun, revision), missing);
-                let before = neighbour.holds.insert(agent, held);
-                let Some(version) = own.offer().map(|offer| offer.version()) else { return };
-                if held == (version, 0) && before != Some(held) {
+                let acknowledged = ((begun, revision), missing);
+                let before = neighbour.stored.insert(agent, acknowledged);
+                let Some(version) = own.version().map(|version| version.order()) else { return };
+                if acknowledged == (version, 0) && before != Some(acknowledged) {
                     let by = neighbour.name.clone();
-                    self.actions.push(Action::News(News::Held { by, agent, version }));
+                    self.actions.push(Action::Notify(Notice::Stored { by, agent, version }));
                 }
             }
             Message::Get { hash, offset, length } => {
-                let retold = self.links.get(&link).and_then(|link| link.retold.as_ref());
-                let found = retold.filter(|retold| retold.known.hash == hash);
+                let sent_results = self.links.get(&link).and_then(|link| link.sent_results.as_ref());
+                let found = sent_results.filter(|sent_results| sent_results.known.hash == hash);
                 let part = found.map(|found| part_of(&found.bytes, offset, length));
                 match part {
                     Some(bytes) => self.send(link, &Message::Part { hash, offset, bytes }),
@@ -93,16 +94,18 @@ impl Node {
                     None => self.send(link, &Message::Missing { hash }),
                 }
             }
-            Message::Part { hash, offset, bytes } => match neighbour.fetch.take(now, &hash, offset, &bytes) {
-                Taken::More | Taken::Unwanted => {}
-                Taken::Whole(bytes) => self.object(link, node, hash, bytes),
-                Taken::Wrong => {
-                    // Its disk may be at fault, and not itself.
-                    neighbour.later.insert(hash, now + ASK_AGAIN[1]);
-                    let text = format!("{} sent an object that is not what it is called", neighbour.name);
-                    self.actions.push(Action::News(News::Trouble(text)));
+            Message::Part { hash, offset, bytes } => {
+                match neighbour.fetch.handle_part(now, &hash, offset, &bytes) {
+                    PartOutcome::More | PartOutcome::Unwanted => {}
+                    PartOutcome::Whole(bytes) => self.handle_object(link, node, hash, bytes),
+                    PartOutcome::Wrong => {
+                        // Its disk may be at fault, and not itself.
+                        neighbour.later.insert(hash, now + ASK_AGAIN[1]);
+                        let text = format!("{} sent an object that is not what it is called", neighbour.name);
+                        self.actions.push(Action::Notify(Notice::Trouble(text)));
+                    }
                 }
-            },
+            }
             Message::Missing { hash } => {
                 if neighbour.fetch.drop_object(&hash) {
                     neighbour.later.insert(hash, now + ASK_AGAIN[0]);
@@ -111,7 +114,7 @@ impl Node {
         }
     }
 
-    fn hello(
+    fn handle_hello(
         &mut self,
         now: Duration,
         link: LinkId,
@@ -151,13 +154,13 @@ impl Node {
         neighbour.is_station = is_station;
         let name = neighbour.name.clone();
         let newer = |known: &ResultsRef| results.is_some_and(|new| new.revision > known.revision);
-        let is_news = results.is_some() && neighbour.results.as_ref().is_none_or(newer);
-        if is_news {
+        let is_new_results = results.is_some() && neighbour.results.as_ref().is_none_or(newer);
+        if is_new_results {
             neighbour.results = results;
         }
         if is_new {
             // It may have lost what it held.
-            neighbour.holds.clear();
+            neighbour.stored.clear();
             neighbour.changed = now;
             let earlier = neighbour.link.replace(link).filter(|earlier| *earlier != link);
             neighbour.fetch.lost();
@@ -166,10 +169,10 @@ impl Node {
                 let reason = "a newer link took its place".into();
                 self.actions.push(Action::Close { link: earlier, reason });
             }
-            self.actions.push(Action::News(News::Met { name, address }));
+            self.actions.push(Action::Notify(Notice::Connected { name, address }));
         }
-        if is_new || is_news {
-            self.want(node);
+        if is_new || is_new_results {
+            self.plan_fetch(node);
         }
     }
 
