@@ -102,8 +102,8 @@ fn a_cameras_map_gets_its_scale_from_the_lidar_on_its_rig() {
     let points = |keyframe: &map::Keyframe| {
         keyframe.semi_dense.len() + keyframe.scan.as_ref().map_or(0, |scan| scan.len())
     };
-    let held: usize = common.keyframes.values().map(points).sum();
-    assert_eq!(data["cloud"]["total"], held, "scans and depths");
+    let points: usize = common.keyframes.values().map(points).sum();
+    assert_eq!(data["cloud"]["total"], points, "scans and depths");
     assert!(page.contains("a unit of the camera's map"), "{page:.300}");
     if let Some(dom) = opened(&page) {
         let works = |how| dom.contains(&format!(r#"data-report="{how}""#));

@@ -213,7 +213,7 @@ pub trait FrameSource: Send {
 
     /// Sets the camera of its images. From now on an image that the recording attributes to another camera becomes
     /// [`Picture::OfOther`]. To be called before the first frame is read.
-    fn hold_to(&mut self, _camera: &Camera) {}
+    fn expect_camera(&mut self, _camera: &Camera) {}
 
     /// Problems that are visible before the frames are read in turn.
     fn problems(&self) -> Vec<String> {

@@ -255,8 +255,8 @@ impl FrameSource for McapRecording {
         }
     }
 
-    fn hold_to(&mut self, camera: &Camera) {
-        self.recalibration.hold_to(camera);
+    fn expect_camera(&mut self, camera: &Camera) {
+        self.recalibration.expect_camera(camera);
     }
 
     fn warning(&self) -> Option<String> {

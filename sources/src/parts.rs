@@ -24,8 +24,8 @@ pub struct Parts {
     taken: u64,
     warnings: Vec<String>,
     facts: Vec<(&'static str, String)>,
-    /// The camera that all parts are held to.
-    held: Option<Camera>,
+    /// The camera that the images of all parts are expected to be of.
+    expected_camera: Option<Camera>,
 }
 
 /// A part that was looked at.
@@ -96,7 +96,7 @@ pub fn open(
         taken: 0,
         warnings,
         facts,
-        held: None,
+        expected_camera: None,
     }))
 }
 
@@ -117,7 +117,7 @@ impl FrameSource for Parts {
             match (self.open)(&file, &self.options) {
                 Ok(source) => {
                     self.current = source;
-                    self.held.iter().for_each(|camera| self.current.hold_to(camera));
+                    self.expected_camera.iter().for_each(|camera| self.current.expect_camera(camera));
                 }
                 Err(error) => self.warnings.push(format!("{error:#}")),
             }
@@ -129,9 +129,9 @@ impl FrameSource for Parts {
         (!all.is_empty()).then(|| all.join("\n"))
     }
 
-    fn hold_to(&mut self, camera: &Camera) {
-        self.held = Some(*camera);
-        self.current.hold_to(camera);
+    fn expect_camera(&mut self, camera: &Camera) {
+        self.expected_camera = Some(*camera);
+        self.current.expect_camera(camera);
     }
 
     fn problems(&self) -> Vec<String> {

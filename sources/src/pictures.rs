@@ -71,7 +71,7 @@ impl Picture {
     }
 
     /// Bytes that it holds in memory.
-    pub fn held_bytes(&self) -> u64 {
+    pub fn memory_bytes(&self) -> u64 {
         self.bytes() as u64
     }
 

@@ -22,8 +22,8 @@ pub struct Recalibration {
     imagery: Imagery,
     /// What the last message said.
     current: Option<Arc<Camera>>,
-    /// The camera that images are taken to be of.
-    held: Option<Camera>,
+    /// The camera that images are expected to be of.
+    expected_camera: Option<Camera>,
     first_stamp: Option<f64>,
     /// What is said of images of another camera, and of which.
     reported: Option<(Arc<Camera>, String)>,
@@ -33,12 +33,12 @@ impl Recalibration {
     /// For the images on the topic `images`.
     pub fn of(images: &str) -> Self {
         let imagery = if camera_topics::is_rectified(images) { Imagery::Rectified } else { Imagery::Raw };
-        Self { imagery, current: None, held: None, first_stamp: None, reported: None }
+        Self { imagery, current: None, expected_camera: None, first_stamp: None, reported: None }
     }
 
     /// Sets the camera of the images.
-    pub fn hold_to(&mut self, camera: &Camera) {
-        self.held = Some(*camera);
+    pub fn expect_camera(&mut self, camera: &Camera) {
+        self.expected_camera = Some(*camera);
     }
 
     /// Reads a calibration message. A message without a calibration changes nothing.
@@ -61,10 +61,10 @@ impl Recalibration {
     /// difference between the two decides nothing.
     pub fn judge(&mut self, picture: Picture, (index, stamp): (u64, f64), around: &Around) -> Picture {
         let first = *self.first_stamp.get_or_insert(stamp);
-        let Some(held) = &self.held else { return picture };
+        let Some(expected) = &self.expected_camera else { return picture };
         let is_other = |camera: &&Arc<Camera>| {
             self.reported.as_ref().is_some_and(|(reported, _)| Arc::ptr_eq(reported, camera))
-                || are_different(held, camera)
+                || are_different(expected, camera)
         };
         let Some(current) = around.iter().flatten().find(is_other) else { return picture };
         if let Some((camera, text)) = &self.reported
@@ -78,7 +78,7 @@ impl Recalibration {
              another calibration are left out\nhint: run the parts by themselves: up to there with --end {after:.2}, and from there with \
              --start {after:.2} --calib FILE",
             described(current),
-            described(held)
+            described(expected)
         );
         self.reported = Some((Arc::clone(current), text.clone()));
         Picture::OfOther(text)

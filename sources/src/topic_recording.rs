@@ -153,8 +153,8 @@ impl FrameSource for TopicRecording {
         Some(SourceFrame { index, timestamp, captured: None, picture })
     }
 
-    fn hold_to(&mut self, camera: &Camera) {
-        self.recalibration.hold_to(camera);
+    fn expect_camera(&mut self, camera: &Camera) {
+        self.recalibration.expect_camera(camera);
     }
 
     fn warning(&self) -> Option<String> {

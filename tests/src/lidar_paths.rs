@@ -70,8 +70,8 @@ impl Carried {
     /// `world_from_sensor` at a time from the begin, seconds.
     pub fn at(&self, time: f64) -> Se3 {
         let position = self.smooth(time);
-        let held = time.clamp(REST, self.duration() - REST);
-        let ahead = self.smooth(held + 0.5 * ROUNDED) - self.smooth(held - 0.5 * ROUNDED);
+        let clamped = time.clamp(REST, self.duration() - REST);
+        let ahead = self.smooth(clamped + 0.5 * ROUNDED) - self.smooth(clamped - 0.5 * ROUNDED);
         let yaw = ahead.y.atan2(ahead.x);
         // Who begins to walk begins to sway, within a second.
         let moving = 0.5 - 0.5 * (0.5 * TAU * ((time - 0.5 * REST) / REST).clamp(0.0, 1.0)).cos();

@@ -18,17 +18,17 @@ fn lines_of(found: &Found) -> Vec<String> {
     let name = format!("{}  {}", found.path.display(), found.name);
     match &found.details {
         Err(reason) => vec![format!("{name}\n  cannot be looked at: {reason}")],
-        Ok(Details { identity, offers, others }) => {
+        Ok(Details { identity, formats, others }) => {
             let mut lines = vec![format!("{name}  ({}, {})", identity.driver, identity.bus)];
-            for offer in offers {
-                let sizes = match &offer.sizes {
+            for format in formats {
+                let sizes = match &format.sizes {
                     // A line a size: there are often ten of them.
                     Sizes::List(sizes) => {
                         sizes.iter().map(|(size, rates)| format!("{size} at {rates}")).collect()
                     }
                     sizes => vec![sizes.to_string()],
                 };
-                let names = std::iter::once(offer.format.name()).chain(std::iter::repeat(""));
+                let names = std::iter::once(format.format.name()).chain(std::iter::repeat(""));
                 lines.extend(names.zip(sizes).map(|(name, size)| format!("  {name:<5}{size}")));
             }
             if !others.is_empty() {
@@ -41,7 +41,7 @@ fn lines_of(found: &Found) -> Vec<String> {
 
 /// The command for the first camera that can be used, with what `--format auto` would take.
 fn how_to_use(found: &Found) -> Option<String> {
-    let choice = choose(&found.details.as_ref().ok()?.offers, &FormatRequest::default())?;
+    let choice = choose(&found.details.as_ref().ok()?.formats, &FormatRequest::default())?;
     Some(format!(
         "use: loopbox run --camera {} --size {} --calib camera.yaml --out out/mine",
         found.path.display(),
@@ -58,12 +58,12 @@ fn camera(found: &Found) -> Value {
     let mut value = json!({ "path": found.path, "name": found.name });
     match &found.details {
         Err(reason) => value["error"] = json!(reason),
-        Ok(Details { identity, offers, others }) => {
+        Ok(Details { identity, formats, others }) => {
             value["driver"] = json!(identity.driver);
             value["bus"] = json!(identity.bus);
-            value["formats"] = offers
+            value["formats"] = formats
                 .iter()
-                .map(|offer| json!({ "format": offer.format.name(), "sizes": sizes(&offer.sizes) }))
+                .map(|format| json!({ "format": format.format.name(), "sizes": sizes(&format.sizes) }))
                 .collect();
             value["other_formats"] = json!(others);
         }
@@ -96,7 +96,7 @@ fn rates(rates: &Rates) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use sources::camera::format::{Offer, PixelFormat, Size};
+    use sources::camera::format::{FormatSizes, PixelFormat, Size};
     use sources::camera::node::Identity;
 
     fn cameras() -> Vec<Found> {
@@ -107,7 +107,7 @@ mod tests {
         let identity = Identity { card: "Webcam".into(), driver: "uvcvideo".into(), bus: "usb-1".into() };
         let details = Details {
             identity,
-            offers: vec![Offer { format: PixelFormat::Yuyv, sizes: Sizes::List(sizes) }],
+            formats: vec![FormatSizes { format: PixelFormat::Yuyv, sizes: Sizes::List(sizes) }],
             others: vec!["H264".into()],
         };
         vec![

@@ -189,11 +189,11 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
     }
     // Who listens waits for others to come.
     let patience = if args.listen.is_some() { Duration::MAX } else { PATIENCE };
-    let held = fleet.hand_over(patience, &stop);
+    let is_handed_over = fleet.hand_over(patience, &stop);
     // What is missing of others' maps is theirs to tell again.
     fleet.fetch_all(&stop);
     fleet.wait(&ended())?;
-    if !held {
+    if !is_handed_over {
         bail!(
             "{}: nobody holds all of this map\nhint: is there a station at {}? `loopbox fleet {}` says who answered",
             folder.display(),

@@ -43,9 +43,9 @@ pub fn measure(plan: &Plan) -> Result<String> {
         &|| waiting::full(plan, &maps[..2]),
     ];
     for part in parts {
-        let [what, often, held] = part()?;
-        let _ = writeln!(text, "| {what} | {often} | {held} |");
-        eprintln!("{what}, {often}: {held}");
+        let [what, often, result] = part()?;
+        let _ = writeln!(text, "| {what} | {often} | {result} |");
+        eprintln!("{what}, {often}: {result}");
     }
     Ok(text)
 }

@@ -140,17 +140,17 @@ fn taken_in(mark: &str) -> Option<String> {
     (mark["kind"] == "round").then(|| json!({ "answer": mark["round"] }).to_string())
 }
 
-/// The answer to an offer of channels: all of them.
-fn subscription(offer: &str, subscribed: &mut u32) -> Option<String> {
-    let offer: Value = serde_json::from_str(offer).ok()?;
-    if offer["op"] != "advertise" {
+/// The answer to an advertisement of channels: all of them.
+fn subscription(advertisement: &str, subscribed: &mut u32) -> Option<String> {
+    let advertisement: Value = serde_json::from_str(advertisement).ok()?;
+    if advertisement["op"] != "advertise" {
         return None;
     }
     let subscribe = |channel: &Value| {
         *subscribed += 1;
         json!({ "id": *subscribed, "channelId": channel["id"] })
     };
-    let wanted: Vec<Value> = offer["channels"].as_array()?.iter().map(subscribe).collect();
+    let wanted: Vec<Value> = advertisement["channels"].as_array()?.iter().map(subscribe).collect();
     Some(json!({ "op": "subscribe", "subscriptions": wanted }).to_string())
 }
 

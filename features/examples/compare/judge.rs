@@ -101,7 +101,7 @@ fn matches(max_ratio: f64, source: &Features, target: &Features) -> Vec<(usize, 
     const NONE: (usize, u32, u32) = (0, u32::MAX, u32::MAX);
     let mut of_source = vec![NONE; source.len()];
     let mut of_target = vec![NONE; target.len()];
-    let offer = |nearest: &mut (usize, u32, u32), index: usize, distance: u32| {
+    let consider = |nearest: &mut (usize, u32, u32), index: usize, distance: u32| {
         if distance < nearest.1 {
             *nearest = (index, distance, nearest.1);
         } else if distance < nearest.2 {
@@ -111,8 +111,8 @@ fn matches(max_ratio: f64, source: &Features, target: &Features) -> Vec<(usize, 
     for (i, a) in source.descriptors.iter().enumerate() {
         for (j, b) in target.descriptors.iter().enumerate() {
             let distance = squared_distance(a, b);
-            offer(&mut of_source[i], j, distance);
-            offer(&mut of_target[j], i, distance);
+            consider(&mut of_source[i], j, distance);
+            consider(&mut of_target[j], i, distance);
         }
     }
     let distinct =

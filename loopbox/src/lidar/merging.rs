@@ -124,7 +124,7 @@ pub struct Pair {
 
 impl Pair {
     /// Whether it joins its maps in the result.
-    pub fn holds(&self) -> bool {
+    pub fn is_kept(&self) -> bool {
         self.weight.is_some_and(|weight| weight >= OUTVOTED)
     }
 
@@ -292,9 +292,9 @@ fn join(count: usize, pairs: &mut [Pair]) -> Joined {
     for ((i, _), weight) in merges.iter().zip(&all.weights) {
         pairs[*i].weight = Some(*weight);
     }
-    let held: Vec<Merge> =
-        merges.iter().filter(|(i, _)| pairs[*i].holds()).map(|(_, merge)| *merge).collect();
-    if held.len() == merges.len() { all } else { joined(count, &held) }
+    let kept: Vec<Merge> =
+        merges.iter().filter(|(i, _)| pairs[*i].is_kept()).map(|(_, merge)| *merge).collect();
+    if kept.len() == merges.len() { all } else { joined(count, &kept) }
 }
 
 /// The maps of each group, united.
@@ -325,7 +325,7 @@ fn united(inputs: &[Input], pairs: &[Pair], joined: &Joined, members: &[usize]) 
     }
     let edges: Vec<Edge> = pairs
         .iter()
-        .filter(|pair| pair.holds())
+        .filter(|pair| pair.is_kept())
         .filter_map(|pair| {
             let (a, b) = (place(pair.a)?, place(pair.b)?);
             link_edge(&map, inputs, pair, [a, b])
@@ -380,7 +380,7 @@ fn link_edge(map: &Map, inputs: &[Input], pair: &Pair, agents: [usize; 2]) -> Op
 /// `accepted`, `undecided` or `refused`.
 pub fn decision(pair: &Pair) -> &'static str {
     match pair.verdict.decision {
-        Decision::Accepted if pair.holds() => "accepted",
+        Decision::Accepted if pair.is_kept() => "accepted",
         // One that other merges contradict cannot be told.
         Decision::Accepted | Decision::Undecided => "undecided",
         Decision::Refused => "refused",

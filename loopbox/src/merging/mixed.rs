@@ -216,7 +216,7 @@ fn meetings_of_lidars(
         let (from, to) = (address(pair.a, map_link.from), address(pair.b, map_link.to));
         Some(Link { from, to, from_from_to: Estimate { a_from_b, information } })
     };
-    let links = merging.pairs.iter().filter(|pair| pair.holds()).filter_map(link).collect();
+    let links = merging.pairs.iter().filter(|pair| pair.is_kept()).filter_map(link).collect();
     let pair_result = |pair: &lidar::Pair| MixedPairResult {
         agents: [pair.a, pair.b].map(|input| names.of(agents[input]).to_owned()),
         sensor: SensorKind::Lidar,

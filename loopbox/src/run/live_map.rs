@@ -35,7 +35,7 @@ pub struct LiveMapWriter {
     /// Whether what finds no room on the disk waits in memory until there is some; else it ends the run.
     waits: bool,
     /// Whether anything waits for room.
-    is_held: Arc<AtomicBool>,
+    waits_for_room: Arc<AtomicBool>,
     messages: Option<SyncSender<Message>>,
     thread: Option<JoinHandle<Result<()>>>,
     /// Frames handed on of each fragment's map.
@@ -49,8 +49,8 @@ impl LiveMapWriter {
     }
 
     /// Whether anything waits in memory for room on the disk.
-    pub fn is_held(&self) -> bool {
-        self.is_held.load(Ordering::Relaxed)
+    pub fn waits_for_room(&self) -> bool {
+        self.waits_for_room.load(Ordering::Relaxed)
     }
 
     /// Hands on what was said of the map of a fragment, and its frames since the last call. `file` says where a map
@@ -117,7 +117,7 @@ impl LiveMapWriter {
     fn send(&mut self, message: Message) -> Result<()> {
         if self.thread.is_none() {
             let (messages, waiting) = sync_channel(WAITING);
-            let writing = Writing::new(self.waits, Arc::clone(&self.is_held));
+            let writing = Writing::new(self.waits, Arc::clone(&self.waits_for_room));
             let thread = std::thread::Builder::new().name("map".into()).spawn(move || writing.run(&waiting));
             self.thread = Some(thread.context("cannot start a thread")?);
             self.messages = Some(messages);

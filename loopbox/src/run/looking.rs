@@ -33,7 +33,7 @@ impl Seen {
                 return seen;
             }
             let Some(frame) = source.next_frame() else { break };
-            bytes += frame.picture.held_bytes();
+            bytes += frame.picture.memory_bytes();
             if matches!(frame.picture, Picture::Mistimed(_)) {
                 // What is wrong with times the source says.
                 seen.looked_at += 1;

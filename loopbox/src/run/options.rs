@@ -4,7 +4,7 @@ use super::diagnosis::{doubtful, too_few_poses};
 use super::lens::{FirstPart, FoundLens, Recording};
 use super::lens_check::GivenLens;
 use super::listening::{Listeners, MapListener};
-use super::outlook::hold_to_found;
+use super::outlook::expect_found_camera;
 use super::output::{Output, TrajectoryFormat};
 use super::record::{CalibrationRecord, Setup};
 use super::resuming::{Kept, Resume};
@@ -160,7 +160,7 @@ impl PreparedRun {
         let params = options.params.clone().with_lag(lag);
         let correction = correction(&options.camera, &info)?;
         if options.lens.is_none() && !options.camera.leave_found {
-            hold_to_found(source.as_mut(), &options.camera);
+            expect_found_camera(source.as_mut(), &options.camera);
         }
         let camera = correction.camera();
         let provenance = provenance(&info, &correction, &params);

@@ -103,7 +103,7 @@ impl Outlook {
         let info = source.info().clone();
         let is_calibrated = is_calibrated(&info, camera, fov);
         if is_calibrated {
-            hold_to_found(source, camera);
+            expect_found_camera(source, camera);
         }
         let seen = Seen::of(source);
         let mut problems: Vec<String> = seen.problem().into_iter().chain(uncalibrated(&info)).collect();
@@ -135,10 +135,10 @@ impl Outlook {
 }
 
 /// Holds the images of a source to the calibration that came with it, where that is the one that is used.
-pub(super) fn hold_to_found(source: &mut dyn FrameSource, camera: &CameraOptions) {
+pub(super) fn expect_found_camera(source: &mut dyn FrameSource, camera: &CameraOptions) {
     let found = source.info().calibration.clone();
     if let (None, Some(FoundCalibration::Inside { camera, .. })) = (&camera.calibration, found) {
-        source.hold_to(&camera);
+        source.expect_camera(&camera);
     }
 }
 

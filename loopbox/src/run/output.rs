@@ -61,8 +61,8 @@ impl Output {
     }
 
     /// Whether something waits in memory for room on the disk.
-    pub fn is_held(&self) -> bool {
-        self.live_writer.is_held()
+    pub fn waits_for_room(&self) -> bool {
+        self.live_writer.waits_for_room()
     }
 
     /// A file of its own that is to be among the results.

@@ -131,7 +131,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self> {
         let started = Instant::now();
         let mut run = self;
-        let (mut broken, mut held) = (None, false);
+        let (mut broken, mut is_waiting) = (None, false);
         loop {
             run.wall_s = started.elapsed().as_secs_f64();
             while !run.restart
@@ -161,7 +161,7 @@ impl<'a> Run<'a> {
                         run.failure = Some(format!("{error:#}"));
                         break;
                     }
-                    held = report_room(held, output.is_held(), progress);
+                    is_waiting = report_room(is_waiting, output.waits_for_room(), progress);
                     run.check_lens(progress);
                 }
                 Item::Skipped(skip) => {
@@ -322,15 +322,15 @@ impl<'a> Run<'a> {
 }
 
 /// Tells when the map begins and ends to wait for room on the disk; gives whether it does.
-fn report_room(held: bool, is_held: bool, progress: &dyn Progress) -> bool {
-    match (held, is_held) {
+fn report_room(was_waiting: bool, is_waiting: bool, progress: &dyn Progress) -> bool {
+    match (was_waiting, is_waiting) {
         (false, true) => {
             progress.warn_of("disk", "the disk is full: the map grows in memory until there is room")
         }
         (true, false) => progress.note_of("disk", "the disk has room again: all of the map is written"),
         _ => {}
     }
-    is_held
+    is_waiting
 }
 
 /// Does a part of the run; a panic in it, or in a thread that it waited for, becomes the reason in `broken`.

@@ -128,15 +128,15 @@ impl Sessions {
         for session in self.all() {
             let recordings = session.recordings();
             let mut rest = bytes_in(&session.folder);
-            let mut is_held = in_use(&session.folder);
+            let mut is_in_use = in_use(&session.folder);
             for path in recordings {
                 let bytes = fs::metadata(&path).map_or(0, |about| about.len());
                 let in_use = in_use(&path);
-                is_held |= in_use;
+                is_in_use |= in_use;
                 rest = rest.saturating_sub(bytes);
                 kept.push(Kept { what: path, bytes, in_use });
             }
-            kept.push(Kept { what: session.folder, bytes: rest, in_use: is_held });
+            kept.push(Kept { what: session.folder, bytes: rest, in_use: is_in_use });
         }
         kept
     }

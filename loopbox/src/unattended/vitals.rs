@@ -45,7 +45,7 @@ pub struct Now {
     /// Why the camera is waited for.
     pub waits_for: Option<String>,
     /// Whether the map waits in memory for room on the disk.
-    pub is_held: bool,
+    pub waits_for_room: bool,
     /// What the disk's budget says, for people.
     pub disk_trouble: Option<String>,
     was_tracking: bool,
@@ -71,7 +71,7 @@ impl Vitals {
             why: None,
             button: None,
             waits_for: None,
-            is_held: false,
+            waits_for_room: false,
             disk_trouble: None,
             was_tracking: false,
         };
@@ -102,12 +102,12 @@ impl Vitals {
 
     /// The camera is not there.
     pub fn wait_for(&self, why: &str) {
-        let is_news = {
+        let is_new = {
             let mut now = self.now();
             now.enter(State::Waiting);
             now.waits_for.replace(why.to_owned()).as_deref() != Some(why)
         };
-        if is_news {
+        if is_new {
             self.trouble(why);
         }
     }
@@ -122,7 +122,7 @@ impl Vitals {
         now.beat.continues = continues.map(|map| map.display().to_string());
         (now.beat.dropped, now.beat.missed, now.beat.keyframes) = (0, 0, 0);
         (now.session_frames, now.first_memory, now.why) = (0, None, None);
-        (now.waits_for, now.is_held, now.was_tracking) = (None, false, false);
+        (now.waits_for, now.waits_for_room, now.was_tracking) = (None, false, false);
         now.session = Stop::default();
         now.session.clone()
     }
@@ -161,9 +161,10 @@ impl Now {
             }
             _ => None,
         };
-        let held =
-            self.is_held.then(|| "the disk is full: the map grows in memory until there is room".into());
-        of_state.into_iter().chain(held).chain(self.disk_trouble.clone()).collect()
+        let of_disk = self
+            .waits_for_room
+            .then(|| "the disk is full: the map grows in memory until there is room".into());
+        of_state.into_iter().chain(of_disk).chain(self.disk_trouble.clone()).collect()
     }
 }
 
@@ -223,14 +224,14 @@ impl Progress for Listening<'_> {
 
     fn warn_of(&self, kind: &str, text: &str) {
         if kind == "disk" {
-            self.vitals.now().is_held = true;
+            self.vitals.now().waits_for_room = true;
         }
         self.warn(text);
     }
 
     fn note_of(&self, kind: &str, text: &str) {
         if kind == "disk" {
-            self.vitals.now().is_held = false;
+            self.vitals.now().waits_for_room = false;
         }
         self.note(text);
     }

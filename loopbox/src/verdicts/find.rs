@@ -93,7 +93,7 @@ fn of_lidars(
         if across(a, b) {
             go_on(&format!("comparing {} and {}", inputs[a].name, inputs[b].name), stop, watcher)?;
             let pair = lidar::merging::pair_alone(&inputs, [a, b], params, verdicts.as_ref())?;
-            joins |= pair.holds();
+            joins |= pair.is_kept();
             text += &lidar::merging::summary(&inputs, &pair);
             records.push(lidar::merging::PairRecord::of(&pair, &inputs));
         }

@@ -62,8 +62,8 @@ pub struct Memory(Arc<Mutex<Remembered>>);
 struct Remembered {
     /// What automatics were set to before.
     before: BTreeMap<u32, i32>,
-    /// What is held still, at which value.
-    held: BTreeMap<u32, i32>,
+    /// The controls that are locked, and their values.
+    locked: BTreeMap<u32, i32>,
 }
 
 /// Locked controls; dropping it puts the automatics back as they were.
@@ -82,7 +82,7 @@ pub fn any_automatic(controls: &dyn Controls, what: &[Lockable]) -> bool {
 impl Memory {
     /// Whether values to lock at are known from before.
     pub fn knows_values(&self) -> bool {
-        !self.lock().held.is_empty()
+        !self.lock().locked.is_empty()
     }
 
     fn lock(&self) -> std::sync::MutexGuard<'_, Remembered> {
@@ -120,7 +120,7 @@ impl Locked {
         let mut values = Vec::new();
         for &id in automatic.moves {
             if let Some(value) = self.controls.get(id)? {
-                values.push((id, *memory.held.entry(id).or_insert(value)));
+                values.push((id, *memory.locked.entry(id).or_insert(value)));
             }
         }
         // Remembered before it is done: what follows may fail half-way.

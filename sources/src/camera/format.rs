@@ -171,9 +171,9 @@ impl fmt::Display for Sizes {
     }
 }
 
-/// One pixel format of a camera.
+/// One pixel format of a camera, with its sizes and rates.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Offer {
+pub struct FormatSizes {
     /// The format.
     pub format: PixelFormat,
     /// Its sizes.
@@ -205,14 +205,14 @@ pub struct Choice {
     pub rate: Option<f64>,
 }
 
-/// Chooses among `offers` the requested size, or the one nearest to 640×480. Of the formats that reach the requested
+/// Chooses among `formats` the requested size, or the one nearest to 640×480. Of the formats that reach the requested
 /// rate at that size it takes the one that is cheapest to convert. `None` when there is no such format or size.
-pub fn choose(offers: &[Offer], request: &FormatRequest) -> Option<Choice> {
+pub fn choose(formats: &[FormatSizes], request: &FormatRequest) -> Option<Choice> {
     let fps = request.fps.unwrap_or(USUAL_RATE);
-    let mut choices: Vec<Choice> = offers
+    let mut choices: Vec<Choice> = formats
         .iter()
-        .filter(|offer| request.format.is_none_or(|format| format == offer.format))
-        .flat_map(|offer| choices_of(offer, request.size, fps))
+        .filter(|available| request.format.is_none_or(|format| format == available.format))
+        .flat_map(|available| choices_of(available, request.size, fps))
         .collect();
     if request.size.is_none() {
         let away = |size: Size| size.pixels().abs_diff(Size::USUAL.pixels());
@@ -231,10 +231,10 @@ pub fn choose(offers: &[Offer], request: &FormatRequest) -> Option<Choice> {
     }
 }
 
-/// What the offer has of the wanted size, or of all sizes.
-fn choices_of(offer: &Offer, wanted: Option<Size>, fps: f64) -> Vec<Choice> {
-    let choice = |size, rates: &Rates| Choice { format: offer.format, size, rate: rates.nearest(fps) };
-    match &offer.sizes {
+/// What a format has of the wanted size, or of all sizes.
+fn choices_of(available: &FormatSizes, wanted: Option<Size>, fps: f64) -> Vec<Choice> {
+    let choice = |size, rates: &Rates| Choice { format: available.format, size, rate: rates.nearest(fps) };
+    match &available.sizes {
         Sizes::List(sizes) => sizes
             .iter()
             .filter(|(size, _)| wanted.is_none_or(|wanted| wanted == *size))

@@ -4,13 +4,13 @@ fn size(text: &str) -> Size {
     text.parse().unwrap()
 }
 
-fn list(format: PixelFormat, sizes: &[(&str, &[f64])]) -> Offer {
+fn list(format: PixelFormat, sizes: &[(&str, &[f64])]) -> FormatSizes {
     let sizes = sizes.iter().map(|(text, rates)| (size(text), Rates::List(rates.to_vec()))).collect();
-    Offer { format, sizes: Sizes::List(sizes) }
+    FormatSizes { format, sizes: Sizes::List(sizes) }
 }
 
 /// A usual webcam: large images only compressed at full rate.
-fn webcam() -> Vec<Offer> {
+fn webcam() -> Vec<FormatSizes> {
     vec![
         list(PixelFormat::Yuyv, &[("640x480", &[30.0, 15.0]), ("1280x720", &[10.0, 5.0])]),
         list(PixelFormat::Mjpg, &[("640x480", &[60.0, 30.0]), ("1280x720", &[30.0])]),
@@ -56,7 +56,7 @@ fn what_is_not_there_is_refused() {
 
 #[test]
 fn ranges_and_drivers_that_do_not_say() {
-    let range = Offer {
+    let range = FormatSizes {
         format: PixelFormat::Nv12,
         sizes: Sizes::Range {
             min: size("16x16"),
@@ -71,7 +71,7 @@ fn ranges_and_drivers_that_do_not_say() {
         choose(&[range], &FormatRequest { size: Some(size("650x480")), ..FormatRequest::default() }),
         None
     );
-    let silent = Offer { format: PixelFormat::Yuyv, sizes: Sizes::Present(size("720x576")) };
+    let silent = FormatSizes { format: PixelFormat::Yuyv, sizes: Sizes::Present(size("720x576")) };
     let chosen = choose(&[silent], &FormatRequest::default()).unwrap();
     assert_eq!((chosen.size, chosen.rate), (size("720x576"), None));
 }

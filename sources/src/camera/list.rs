@@ -1,6 +1,6 @@
 //! The cameras of this machine.
 
-use super::format::Offer;
+use super::format::FormatSizes;
 use super::node::{Identity, Node};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ pub struct Details {
     /// Its identity.
     pub identity: Identity,
     /// The formats that loopbox can read.
-    pub offers: Vec<Offer>,
+    pub formats: Vec<FormatSizes>,
     /// Codes of its other pixel formats.
     pub others: Vec<String>,
 }
@@ -75,8 +75,8 @@ fn details(path: &Path) -> io::Result<Option<Details>> {
     if !is_camera {
         return Ok(None);
     }
-    let (offers, others) = node.offers()?;
-    Ok(Some(Details { identity, offers, others }))
+    let (formats, others) = node.formats()?;
+    Ok(Some(Details { identity, formats, others }))
 }
 
 /// The name that the kernel shows to those who may not open the node.

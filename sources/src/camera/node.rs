@@ -1,7 +1,7 @@
 //! A device node, and the calls of V4L2 that loopbox makes on it, as safe functions.
 
 use super::controls::Controls;
-use super::format::{Choice, Offer, PixelFormat, Rates, Size, Sizes};
+use super::format::{Choice, FormatSizes, PixelFormat, Rates, Size, Sizes};
 use std::fs::{File, OpenOptions};
 use std::io;
 use std::os::fd::{AsRawFd, RawFd};
@@ -116,8 +116,8 @@ impl Node {
     ///
     /// # Errors
     /// When the device is gone.
-    pub fn offers(&self) -> io::Result<(Vec<Offer>, Vec<String>)> {
-        let (mut offers, mut others) = (Vec::<Offer>::new(), Vec::new());
+    pub fn formats(&self) -> io::Result<(Vec<FormatSizes>, Vec<String>)> {
+        let (mut formats, mut others) = (Vec::<FormatSizes>::new(), Vec::new());
         for index in 0..LIST_LIMIT {
             let mut answer = sys::v4l2_fmtdesc { index, type_: CAPTURE, ..zeroed() };
             // SAFETY: the type belongs to the request.
@@ -126,14 +126,14 @@ impl Node {
             }
             let code = answer.pixelformat.to_le_bytes();
             match PixelFormat::of_code(code) {
-                Some(format) if offers.iter().all(|offer| offer.format != format) => {
-                    offers.push(Offer { format, sizes: self.sizes(answer.pixelformat)? });
+                Some(format) if formats.iter().all(|known| known.format != format) => {
+                    formats.push(FormatSizes { format, sizes: self.sizes(answer.pixelformat)? });
                 }
                 Some(_) => {}
                 None => others.push(String::from_utf8_lossy(&code).trim().to_owned()),
             }
         }
-        Ok((offers, others))
+        Ok((formats, others))
     }
 
     fn sizes(&self, code: u32) -> io::Result<Sizes> {

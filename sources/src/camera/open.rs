@@ -4,7 +4,7 @@ use super::args::{CameraArgs, Lockable};
 use super::controls::{Locked, Memory, any_automatic};
 use super::device::{Captured, Device, View};
 use super::failures::{explain, not_a_camera};
-use super::format::{Choice, FormatRequest, Offer, PixelFormat, Size, USUAL_RATE, choose, rate_text};
+use super::format::{Choice, FormatRequest, FormatSizes, PixelFormat, Size, USUAL_RATE, choose, rate_text};
 use super::list;
 use super::node::{Fields, Identity, Node};
 use super::stream::Stream;
@@ -104,10 +104,10 @@ impl Opener {
         if !is_camera {
             return Err(not_a_camera(path));
         }
-        let (offers, others) = node.offers().map_err(failed)?;
+        let (formats, others) = node.formats().map_err(failed)?;
         let choice =
-            choose(&offers, &self.request).ok_or_else(|| refusal(path, &self.request, &offers, &others))?;
-        let (view, mut warnings) = set_up(path, &node, &choice, &self.request, &offers)?;
+            choose(&formats, &self.request).ok_or_else(|| refusal(path, &self.request, &formats, &others))?;
+        let (view, mut warnings) = set_up(path, &node, &choice, &self.request, &formats)?;
         let mut stream = Stream::start(Arc::clone(&node)).map_err(failed)?;
         let locked = self.locked(&node, &mut stream, &mut warnings);
         let description = format!("{}, {}", identity.card, description(&view));
@@ -146,12 +146,12 @@ fn set_up(
     node: &Node,
     choice: &Choice,
     request: &FormatRequest,
-    offers: &[Offer],
+    formats: &[FormatSizes],
 ) -> Result<(View, Vec<String>)> {
     let shape = node.set_format(choice).map_err(|error| explain(path, &error))?;
     if shape.format != Some(choice.format) || request.size.is_some_and(|size| size != shape.size) {
         let request = FormatRequest { format: Some(choice.format), ..*request };
-        return Err(refusal(path, &request, offers, &[]));
+        return Err(refusal(path, &request, formats, &[]));
     }
     let mut warnings = Vec::new();
     match shape.fields {
@@ -188,9 +188,14 @@ fn description(view: &View) -> String {
 }
 
 /// What the camera does not have, and what it has.
-fn refusal(path: &Path, request: &FormatRequest, offers: &[Offer], others: &[String]) -> anyhow::Error {
+fn refusal(
+    path: &Path,
+    request: &FormatRequest,
+    formats: &[FormatSizes],
+    others: &[String],
+) -> anyhow::Error {
     let path = path.display();
-    if offers.is_empty() {
+    if formats.is_empty() {
         let known = PixelFormat::ALL.map(PixelFormat::name).join(", ");
         return anyhow!(
             "{path}: none of the camera's pixel formats is read here (it has: {})\nhint: loopbox reads {known}",
@@ -200,7 +205,7 @@ fn refusal(path: &Path, request: &FormatRequest, offers: &[Offer], others: &[Str
     let format = request.format.map(|format| format!(" {}", format.name())).unwrap_or_default();
     let size = request.size.map(|size: Size| format!(" at {size}")).unwrap_or_default();
     let offered: Vec<String> =
-        offers.iter().map(|offer| format!("{} {}", offer.format.name(), offer.sizes)).collect();
+        formats.iter().map(|format| format!("{} {}", format.format.name(), format.sizes)).collect();
     anyhow!("{path}: the camera gives no{format} images{size}\nhint: it gives {}", offered.join("\n      "))
 }
 
@@ -212,9 +217,9 @@ mod tests {
     #[test]
     fn a_refused_format_lists_what_there_is() {
         let sizes = Sizes::List(vec![(Size::USUAL, Rates::List(vec![30.0, 15.0]))]);
-        let offers = [Offer { format: PixelFormat::Yuyv, sizes }];
+        let formats = [FormatSizes { format: PixelFormat::Yuyv, sizes }];
         let request = FormatRequest { format: Some(PixelFormat::Grey), size: Some(Size::USUAL), fps: None };
-        let text = refusal(Path::new("/dev/video0"), &request, &offers, &[]).to_string();
+        let text = refusal(Path::new("/dev/video0"), &request, &formats, &[]).to_string();
         assert_eq!(
             text,
             "/dev/video0: the camera gives no GREY images at 640x480\nhint: it gives YUYV 640x480 at 30, 15"

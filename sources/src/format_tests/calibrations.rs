@@ -41,11 +41,11 @@ fn camera_info(time: u64, focal: f64, is_cdr: bool) -> Vec<u8> {
 }
 
 /// Which of ten images are those of the first calibration, if the focal length is this at each of them.
-fn kept(source: &mut dyn FrameSource, hold: bool) -> (Vec<u64>, Vec<String>) {
+fn kept(source: &mut dyn FrameSource, expects_camera: bool) -> (Vec<u64>, Vec<String>) {
     if let Some(FoundCalibration::Inside { camera, .. }) = source.info().calibration.clone()
-        && hold
+        && expects_camera
     {
-        source.hold_to(&camera);
+        source.expect_camera(&camera);
     }
     let (mut kept, mut reasons) = (Vec::new(), Vec::new());
     while let Some(SourceFrame { index, picture, .. }) = source.next_frame() {

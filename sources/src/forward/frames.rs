@@ -31,15 +31,15 @@ impl Forward {
 
     /// Finds the range of the pictures, before the first one is handed out.
     fn look_at_levels(&mut self) {
-        self.hold(1);
+        self.read_ahead(1);
         while !self.ended && Levels::needs_more(self.ahead.iter().map(|frame| &frame.picture)) {
-            self.hold(self.ahead.len() + 1);
+            self.read_ahead(self.ahead.len() + 1);
         }
         self.levels = Some(Levels::of(self.ahead.iter().map(|frame| &frame.picture)));
     }
 
-    /// Reads on until so many frames are held, or there are no more.
-    fn hold(&mut self, count: usize) {
+    /// Reads on until so many frames are in memory, or there are no more.
+    fn read_ahead(&mut self, count: usize) {
         while self.ahead.len() < count && !self.ended {
             match self.inner.next_frame() {
                 Some(frame) => self.ahead.push_back(frame),
@@ -51,7 +51,7 @@ impl Forward {
     fn judge(&mut self, mut frame: SourceFrame) -> SourceFrame {
         let mut following = Vec::new();
         if !self.clock.is_plain(frame.timestamp) {
-            self.hold(LOOKED_AHEAD);
+            self.read_ahead(LOOKED_AHEAD);
             following.extend(self.ahead.iter().filter_map(stamp));
         }
         let sets = self.clock.faults().sets;
@@ -89,7 +89,7 @@ impl FrameSource for Forward {
         if self.levels.is_none() {
             self.look_at_levels();
         }
-        self.hold(1);
+        self.read_ahead(1);
         let mut frame = self.ahead.pop_front()?;
         if let Some(levels) = &self.levels {
             frame.picture = levels.of_picture(frame.picture);
@@ -110,8 +110,8 @@ impl FrameSource for Forward {
         self.inner.skip_to(start)
     }
 
-    fn hold_to(&mut self, camera: &Camera) {
-        self.inner.hold_to(camera);
+    fn expect_camera(&mut self, camera: &Camera) {
+        self.inner.expect_camera(camera);
     }
 
     fn problems(&self) -> Vec<String> {

@@ -19,7 +19,7 @@ impl ForwardScans {
         Self { inner, clock: Clock::default(), ahead: VecDeque::new(), ended: false }
     }
 
-    fn hold(&mut self, count: usize) {
+    fn read_ahead(&mut self, count: usize) {
         while self.ahead.len() < count && !self.ended {
             match self.inner.next_scan() {
                 Some(scan) => self.ahead.push_back(scan),
@@ -35,7 +35,7 @@ impl ScanSource for ForwardScans {
     }
 
     fn next_scan(&mut self) -> Option<NextScan> {
-        self.hold(1);
+        self.read_ahead(1);
         let mut next = self.ahead.pop_front()?;
         // What cannot be read has no time that counts.
         let Ok(scan) = &mut next.scan else {
@@ -44,7 +44,7 @@ impl ScanSource for ForwardScans {
         };
         let mut following = Vec::new();
         if !self.clock.is_plain(next.stamp) {
-            self.hold(LOOKED_AHEAD);
+            self.read_ahead(LOOKED_AHEAD);
             following.extend(self.ahead.iter().filter(|next| next.scan.is_ok()).map(|next| next.stamp));
         }
         let what = match self.clock.judge(next.stamp, &following) {

@@ -29,7 +29,7 @@ fn heads(folder: &Path) -> Result<Vec<(String, String)>> {
 }
 
 /// Whether an agent was told that the station holds all of its map.
-fn is_held(agent: &Path) -> bool {
+fn is_stored(agent: &Path) -> bool {
     let output = status(agent);
     output.is_some_and(|output| output["links"][0]["lacks"] == 0 && output["links"][0]["address"].is_string())
 }
@@ -94,8 +94,8 @@ fn session(plan: &Plan, maps: &[PathBuf], seed: u64, kills: usize) -> Result<Ses
             agent.kill()?;
             *agent = start(&yard, victim)?;
         } else {
-            let held: Vec<&PathBuf> = yard.agents.iter().filter(|agent| is_held(agent)).collect();
-            let acknowledged = held.iter().map(|agent| heads(agent)).collect::<Result<Vec<_>>>()?;
+            let stored: Vec<&PathBuf> = yard.agents.iter().filter(|agent| is_stored(agent)).collect();
+            let acknowledged = stored.iter().map(|agent| heads(agent)).collect::<Result<Vec<_>>>()?;
             station.kill()?;
             let there = heads(&yard.station)?;
             made.checked += acknowledged.len();

@@ -37,14 +37,14 @@ pub struct Writing {
     /// Whether what finds no room waits for it.
     waits: bool,
     /// What waits for room, in order.
-    held: VecDeque<Message>,
-    is_held: Arc<AtomicBool>,
+    pending: VecDeque<Message>,
+    waits_for_room: Arc<AtomicBool>,
 }
 
 impl Writing {
-    /// Nothing is written yet; with `waits`, what finds no room is held until there is some, and `is_held` says so.
-    pub fn new(waits: bool, is_held: Arc<AtomicBool>) -> Self {
-        Self { growths: BTreeMap::new(), waits, held: VecDeque::new(), is_held }
+    /// Nothing is written yet; with `waits`, what finds no room stays in memory until there is some, and `waits_for_room` says so.
+    pub fn new(waits: bool, waits_for_room: Arc<AtomicBool>) -> Self {
+        Self { growths: BTreeMap::new(), waits, pending: VecDeque::new(), waits_for_room }
     }
 
     /// Writes until nobody sends any more.
@@ -52,8 +52,8 @@ impl Writing {
         loop {
             match self.next(messages) {
                 // Nobody is to wait for a disk that is full.
-                Ok(Message::Flush(answer)) if !self.held.is_empty() => drop(answer.send(())),
-                Ok(message) => self.held.push_back(message),
+                Ok(Message::Flush(answer)) if !self.pending.is_empty() => drop(answer.send(())),
+                Ok(message) => self.pending.push_back(message),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
@@ -61,10 +61,10 @@ impl Writing {
             self.growths.values_mut().try_for_each(Growth::sync_when_due)?;
         }
         // The last chance: what was spared may be enough.
-        while let Some(message) = self.held.pop_front() {
+        while let Some(message) = self.pending.pop_front() {
             self.take(message)?;
         }
-        self.is_held.store(false, Ordering::Relaxed);
+        self.waits_for_room.store(false, Ordering::Relaxed);
         self.growths.values_mut().try_for_each(|growth| {
             growth.flush()?;
             growth.sync()
@@ -73,7 +73,7 @@ impl Writing {
 
     fn next(&self, messages: &Receiver<Message>) -> Result<Message, RecvTimeoutError> {
         let is_synced = self.growths.values().all(|growth| growth.unsynced_since.is_none());
-        match (self.held.is_empty(), is_synced) {
+        match (self.pending.is_empty(), is_synced) {
             (true, true) => messages.recv().map_err(|_| RecvTimeoutError::Disconnected),
             (true, false) => messages.recv_timeout(FLUSH_INTERVAL),
             (false, _) => messages.recv_timeout(LOOK),
@@ -81,7 +81,7 @@ impl Writing {
     }
 
     fn write_what_has_room(&mut self) -> Result<()> {
-        while let Some(mut message) = self.held.pop_front() {
+        while let Some(mut message) = self.pending.pop_front() {
             if !self.waits {
                 self.take(message)?;
                 continue;
@@ -89,18 +89,18 @@ impl Writing {
             let piece = message.split_off();
             if !self.has_room(piece.as_ref().unwrap_or(&message)) {
                 message.put_back(piece);
-                self.held.push_front(message);
+                self.pending.push_front(message);
                 break;
             }
             match piece {
                 Some(piece) => {
                     self.take(piece)?;
-                    self.held.push_front(message);
+                    self.pending.push_front(message);
                 }
                 None => self.take(message)?,
             }
         }
-        self.is_held.store(!self.held.is_empty(), Ordering::Relaxed);
+        self.waits_for_room.store(!self.pending.is_empty(), Ordering::Relaxed);
         Ok(())
     }
 
