@@ -350,7 +350,7 @@ impl Agent {
             let companions = self.companions.entry(tracker.reference).or_default();
             let parallax = tracker.parallax(&self.view);
             let mut motion = located.motion;
-            motion.fixed_rows_mut::<3>(0).unscale_mut(self.view.keyframes[tracker.reference].unit);
+            motion.fixed_rows_mut::<3>(0).unscale_mut(self.view.keyframes[tracker.reference].scale);
             let image = pyramid.shared_base();
             dense::keep_companion(companions, image, frame_from_keyframe, motion, parallax);
         }
@@ -364,7 +364,7 @@ impl Agent {
         let Some((keyframe, before)) = self.fresh.take() else { return };
         let state = &mut self.view.keyframes[keyframe];
         let mut after = *after;
-        after.fixed_rows_mut::<3>(0).unscale_mut(state.unit);
+        after.fixed_rows_mut::<3>(0).unscale_mut(state.scale);
         if after != Twist::zeros() && before != Twist::zeros() {
             state.motion = (before + after) * 0.5;
             self.motions.push((keyframe, state.motion));
@@ -497,7 +497,7 @@ impl Agent {
             self.view.keyframes[keyframe].motion = motion;
         }
         let state = &self.view.keyframes[tracker.reference];
-        let factor = state.unit / before.unit;
+        let factor = state.scale / before.scale;
         let last = if tracker.last == before.camera_from_world {
             state.camera_from_world
         } else {
@@ -625,13 +625,13 @@ impl Agent {
 /// Where a keyframe was before an update.
 struct Before {
     camera_from_world: Se3,
-    unit: f64,
+    scale: f64,
 }
 
 impl Before {
     fn of(map: &LocalMap, keyframe: usize) -> Self {
         let state = &map.keyframes[keyframe];
-        Self { camera_from_world: state.camera_from_world, unit: state.unit }
+        Self { camera_from_world: state.camera_from_world, scale: state.scale }
     }
 }
 

@@ -55,7 +55,7 @@ pub(crate) struct StereoJob {
     /// References in the order of their use.
     references: Vec<Reference>,
     /// World units per unit of the keyframe.
-    unit: f64,
+    scale: f64,
     /// What of the image moves with the camera: it has no depth.
     mask: Arc<Mask>,
     /// What is known and stays.
@@ -115,10 +115,10 @@ impl StereoJob {
         });
         let companions = companions.iter().map(|companion| {
             let (pose, mut motion) = (companion.frame_from_keyframe, companion.motion);
-            motion.fixed_rows_mut::<3>(0).scale_mut(state.unit);
+            motion.fixed_rows_mut::<3>(0).scale_mut(state.scale);
             Reference {
                 image: Arc::clone(&companion.image),
-                frame_from_keyframe: Se3::new(pose.rotation, pose.translation * state.unit),
+                frame_from_keyframe: Se3::new(pose.rotation, pose.translation * state.scale),
                 shift: shift(&motion),
             }
         });
@@ -134,7 +134,7 @@ impl StereoJob {
                 .map(|p| SeedPoint { pixel: p.pixel, inverse_depth: p.inverse_depth, variance: p.variance })
                 .collect(),
             references: chosen.into_iter().map(|i| candidates[i].clone()).collect(),
-            unit: state.unit,
+            scale: state.scale,
             mask: Arc::clone(&map.mask),
             known: None,
             params: params.clone(),
@@ -166,7 +166,7 @@ impl StereoJob {
         }
         filter.regularise();
         let mut depth = filter.to_semi_dense();
-        depth.scale(1.0 / self.unit as f32);
+        depth.scale(1.0 / self.scale as f32);
         if let Some(known) = &self.known {
             depth = known.with(&depth);
         }

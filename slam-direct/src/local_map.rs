@@ -83,9 +83,9 @@ pub(crate) struct KeyframeState {
     pub frame_index: u64,
     pub pyramid: Pyramid,
     pub camera_from_world: Se3,
-    /// Scale: world units per unit of the keyframe. What is measured around it and published (frames, semi-dense
+    /// World units per unit of the keyframe: the scale of its Sim(3) pose. What is measured around it and published (frames, semi-dense
     /// depth) is in its unit, and stays as it is when the world's scale here changes.
-    pub unit: f64,
+    pub scale: f64,
     /// How the camera moved; its υ in the keyframe's unit.
     pub motion: Twist,
     /// Points hosted here; depths in world units.
@@ -102,7 +102,7 @@ impl KeyframeState {
             frame_index,
             pyramid,
             camera_from_world,
-            unit: 1.0,
+            scale: 1.0,
             motion: Twist::zeros(),
             points: Vec::new(),
             seen: Vec::new(),
@@ -120,7 +120,7 @@ impl KeyframeState {
     /// How the camera moved, in map units.
     pub fn motion_in_world(&self) -> Twist {
         let mut motion = self.motion;
-        motion.fixed_rows_mut::<3>(0).scale_mut(self.unit);
+        motion.fixed_rows_mut::<3>(0).scale_mut(self.scale);
         motion
     }
 }
@@ -227,7 +227,7 @@ impl LocalMap {
             // Lengths of the other world are multiplied by the scale, then it is turned and moved.
             inner.camera_from_world.translation *= scale;
             inner.camera_from_world = (inner.camera_from_world * other_from_own).renormalized();
-            inner.unit *= scale;
+            inner.scale *= scale;
             for point in &mut inner.points {
                 point.inverse_depth /= scale;
                 point.variance /= scale * scale;
@@ -242,18 +242,18 @@ impl LocalMap {
         }
     }
 
-    /// Pose and unit of a keyframe.
+    /// Pose and scale of a keyframe.
     pub fn world_from_keyframe(&self, keyframe: usize) -> Sim3 {
         let state = &self.keyframes[keyframe];
         let rigid = state.camera_from_world.inverse();
-        Sim3::new(rigid.rotation, rigid.translation, state.unit)
+        Sim3::new(rigid.rotation, rigid.translation, state.scale)
     }
 
     /// A pose of the world relative to a keyframe, in the keyframe's unit.
     pub fn keyframe_from_frame(&self, keyframe: usize, camera_from_world: &Se3) -> Se3 {
         let state = &self.keyframes[keyframe];
         let relative = (*camera_from_world * state.camera_from_world.inverse()).inverse();
-        Se3::new(relative.rotation, relative.translation / state.unit)
+        Se3::new(relative.rotation, relative.translation / state.scale)
     }
 
     /// The pose `camera_from_world` of a frame that is known relative to a keyframe, in the keyframe's unit: what
@@ -261,7 +261,7 @@ impl LocalMap {
     pub fn camera_from_world(&self, keyframe: usize, keyframe_from_frame: &Se3) -> Se3 {
         let state = &self.keyframes[keyframe];
         let Se3 { rotation, translation } = *keyframe_from_frame;
-        Se3::new(rotation, translation * state.unit).inverse() * state.camera_from_world
+        Se3::new(rotation, translation * state.scale).inverse() * state.camera_from_world
     }
 
     /// At most `count` keyframes that look at about what a keyframe looks at, in order; the keyframe among them.
@@ -396,7 +396,7 @@ mod tests {
         for state in other.keyframes.iter_mut().map(|state| &mut **state) {
             let world = other_from_own * Sim3::from(state.camera_from_world.inverse());
             state.camera_from_world = world.rigid().inverse();
-            state.unit = world.scale;
+            state.scale = world.scale;
             state.points.iter_mut().for_each(|point| point.inverse_depth *= 3.0);
         }
         map.append(other, &other_from_own.inverse());
@@ -404,7 +404,7 @@ mod tests {
         for (own, appended) in [(0, 2), (1, 3)] {
             let [a, b] = [own, appended].map(|k| &map.keyframes[k]);
             assert!((a.camera_from_world * b.camera_from_world.inverse()).log().norm() < 1e-12);
-            assert!((a.unit - b.unit).abs() < 1e-12);
+            assert!((a.scale - b.scale).abs() < 1e-12);
             let [a, b] = [own, appended].map(|k| map.reference_points(k));
             assert_eq!(a.len(), b.len());
             let gap = |(a, b): (&ReferencePoint, &ReferencePoint)| (a.inverse_depth - b.inverse_depth).abs();

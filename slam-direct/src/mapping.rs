@@ -169,7 +169,7 @@ impl DepthPrior {
 
 /// Optimises keyframe `centre` and its most covisible neighbours together; the others that see the same
 /// points hold the rest in place.
-pub(crate) fn optimise_around(map: &mut LocalMap, centre: usize, params: &MappingParams) -> Vec<UnitChange> {
+pub(crate) fn optimise_around(map: &mut LocalMap, centre: usize, params: &MappingParams) -> Vec<ScaleChange> {
     let neighbours = map.covisible(centre).into_iter().take(params.window - 1).map(|c| c.0);
     let active: BTreeSet<usize> = neighbours.chain([centre]).collect();
     optimise(map, &active, params.fixed, [0.0; UNKNOWNS], |_| Limits::steps(params.window_iterations))
@@ -201,7 +201,7 @@ pub(crate) fn optimise_all(
     iterations: usize,
     params: &MappingParams,
     stop: &dyn Fn() -> bool,
-) -> Vec<UnitChange> {
+) -> Vec<ScaleChange> {
     let readout = map.sensor.readout.map(|time| if time == 0.0 { 0.0 } else { params.readout_sigma });
     let changes = optimise_whole(map, iterations, readout, params, stop);
     if map.sensor.is_rolling() && map.sensor.plausible_readout() != map.sensor.readout {
@@ -212,7 +212,7 @@ pub(crate) fn optimise_all(
 }
 
 /// The same, and asks before whether the camera has a rolling shutter.
-pub(crate) fn calibrate(map: &mut LocalMap, params: &MappingParams) -> Vec<UnitChange> {
+pub(crate) fn calibrate(map: &mut LocalMap, params: &MappingParams) -> Vec<ScaleChange> {
     let (iterations, stop) = (params.calibration_iterations, || false);
     if !map.sensor.is_rolling() && params.readout_sigma > 0.0 {
         let mut trial = map.clone();
@@ -228,12 +228,12 @@ pub(crate) fn calibrate(map: &mut LocalMap, params: &MappingParams) -> Vec<UnitC
 }
 
 /// Changes that follow each other as one, in order of the keyframes.
-fn together(first: Vec<UnitChange>, then: Vec<UnitChange>) -> Vec<UnitChange> {
+fn together(first: Vec<ScaleChange>, then: Vec<ScaleChange>) -> Vec<ScaleChange> {
     let mut factors = BTreeMap::new();
-    for UnitChange { keyframe, factor } in first.into_iter().chain(then) {
+    for ScaleChange { keyframe, factor } in first.into_iter().chain(then) {
         *factors.entry(keyframe).or_insert(1.0) *= factor;
     }
-    factors.into_iter().map(|(keyframe, factor)| UnitChange { keyframe, factor }).collect()
+    factors.into_iter().map(|(keyframe, factor)| ScaleChange { keyframe, factor }).collect()
 }
 
 fn optimise_whole(
@@ -242,7 +242,7 @@ fn optimise_whole(
     [columns, rows]: [f64; 2],
     params: &MappingParams,
     stop: &dyn Fn() -> bool,
-) -> Vec<UnitChange> {
+) -> Vec<ScaleChange> {
     let observations = observations(map);
     let all: usize = observations.iter().sum();
     if all as f64 > 1e6 * params.whole {
@@ -265,7 +265,7 @@ fn optimise_parts(
     iterations: usize,
     params: &MappingParams,
     stop: &dyn Fn() -> bool,
-) -> Vec<UnitChange> {
+) -> Vec<ScaleChange> {
     const SWEEPS: usize = 2;
     let size = (0.5e6 * params.whole) as usize;
     let all: usize = observations.iter().sum();
@@ -312,7 +312,7 @@ fn optimise<'a>(
     max_fixed: usize,
     sensor_sigma: [f64; UNKNOWNS],
     limits: impl FnOnce(&Problem) -> Limits<'a>,
-) -> Vec<UnitChange> {
+) -> Vec<ScaleChange> {
     let mut window = Window::build(map, active, max_fixed);
     if sensor_sigma.iter().any(|sigma| *sigma > 0.0) {
         window.calibrate(map, sensor_sigma);
@@ -323,22 +323,22 @@ fn optimise<'a>(
         // Without the memory for it the map stays as it is.
         return Vec::new();
     }
-    let changes = window.unit_changes(&before);
+    let changes = window.scale_changes(&before);
     let by_poses =
         (active.len() <= MOST_BY_POSES).then(|| variances_by_poses(&window.problem, &window.pairs));
     window.apply(map, by_poses.flatten().as_deref());
     for change in &changes {
-        map.keyframes[change.keyframe].unit *= change.factor;
+        map.keyframes[change.keyframe].scale *= change.factor;
     }
     changes
 }
 
-/// How lengths around a keyframe changed in an optimisation: its unit (see [`KeyframeState::unit`]) is `factor` times
+/// How lengths around a keyframe changed in an optimisation: its scale (see [`KeyframeState::scale`]) is `factor` times
 /// what it was.
 ///
-/// [`KeyframeState::unit`]: crate::local_map::KeyframeState::unit
+/// [`KeyframeState::scale`]: crate::local_map::KeyframeState::scale
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct UnitChange {
+pub(crate) struct ScaleChange {
     pub keyframe: usize,
     pub factor: f64,
 }

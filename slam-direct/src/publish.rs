@@ -46,7 +46,7 @@ pub(crate) fn own_points(mut points: Vec<Point>, first: usize) -> Vec<Point> {
 /// that went astray may have some.
 pub(crate) fn points(local: &LocalMap, keyframe: usize) -> Vec<Point> {
     let state = &local.keyframes[keyframe];
-    let living = state.points.iter().filter(|p| p.alive).map(|p| point(p, state.unit));
+    let living = state.points.iter().filter(|p| p.alive).map(|p| point(p, state.scale));
     living.filter(is_finite).collect()
 }
 
@@ -55,7 +55,7 @@ fn is_finite(point: &Point) -> bool {
     point.inverse_depth.is_finite() && point.variance.is_finite() && point.observations.iter().all(seen)
 }
 
-fn point(state: &PointState, unit: f64) -> Point {
+fn point(state: &PointState, scale: f64) -> Point {
     let observation = |o: &crate::local_map::SeenAt| Observation {
         keyframe: LocalMap::id(o.keyframe),
         pixel: o.pixel,
@@ -63,8 +63,8 @@ fn point(state: &PointState, unit: f64) -> Point {
     };
     Point {
         pixel: state.pixel,
-        inverse_depth: (state.inverse_depth * unit) as f32,
-        variance: (state.variance * unit * unit) as f32,
+        inverse_depth: (state.inverse_depth * scale) as f32,
+        variance: (state.variance * scale * scale) as f32,
         observations: state.observations.iter().map(observation).collect(),
     }
 }
@@ -82,7 +82,7 @@ mod tests {
     #[test]
     fn keyframes_carry_pose_unit_image_and_points() {
         let mut local = local();
-        local.keyframes[1].unit = 2.0;
+        local.keyframes[1].scale = 2.0;
         let mut map = Map::new(CAMERA);
         for index in 0..2 {
             let keyframe = keyframe(&local, index);
@@ -93,7 +93,7 @@ mod tests {
         for (index, state) in local.keyframes.iter().enumerate() {
             let public = &map.keyframes[&LocalMap::id(index)];
             let pose = public.world_from_keyframe;
-            assert_eq!(pose.scale, state.unit);
+            assert_eq!(pose.scale, state.scale);
             assert!((pose.rigid() * state.camera_from_world).log().norm() < 1e-12);
             assert_eq!(*public.image, *state.pyramid.base());
             assert_eq!(public.points.len(), state.points.len());
@@ -123,7 +123,7 @@ mod tests {
         // The world grows by a half.
         let state = &mut local.keyframes[1];
         state.camera_from_world.translation *= 1.5;
-        state.unit *= 1.5;
+        state.scale *= 1.5;
         let after = local.world_from_keyframe(1) * geometry::Sim3::from(measured);
         assert!((after.translation - before.translation * 1.5).norm() < 1e-12);
         assert_eq!(moved(&local, 1).world_from_keyframe.scale, 1.5);

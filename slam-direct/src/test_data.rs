@@ -25,9 +25,9 @@ pub(crate) fn poses(sequence: &Path) -> Vec<Se3> {
         .collect()
 }
 
-/// Frame `index` with depth at high gradients, `unit` metres per keyframe unit, and depth noise of
+/// Frame `index` with depth at high gradients, `scale` metres per keyframe unit, and depth noise of
 /// `sigma` relative, deterministic.
-pub(crate) fn keyframe(sequence: &Path, index: usize, unit: f64, sigma: f32) -> (Pyramid, SemiDense) {
+pub(crate) fn keyframe(sequence: &Path, index: usize, scale: f64, sigma: f32) -> (Pyramid, SemiDense) {
     let name = |folder: &str, ending: &str| sequence.join(folder).join(format!("{index:06}.{ending}"));
     let open = |path: PathBuf| image::open(path).unwrap();
     let gray = open(name("images", "jpg")).into_luma8();
@@ -45,7 +45,7 @@ pub(crate) fn keyframe(sequence: &Path, index: usize, unit: f64, sigma: f32) -> 
                 continue;
             }
             let noise = random.normal() as f32;
-            let inverse_depth = (unit * 1000.0 / millimetres as f64) as f32;
+            let inverse_depth = (scale * 1000.0 / millimetres as f64) as f32;
             semi_dense.pixel.push((y * width + x) as u32);
             semi_dense.inverse_depth.push(inverse_depth * (1.0 + sigma * noise).max(0.1));
             semi_dense.variance.push((sigma.max(0.01) * inverse_depth).powi(2));

@@ -29,45 +29,54 @@ pub fn cut(map: &Map, range: Range<usize>) -> Map {
 }
 
 /// The same map in another world and other units: `other_from_world` moves its world; afterwards each keyframe's own
-/// unit is `unit` times as large, whose lengths are therefore smaller numbers.
-pub fn moved(map: &Map, other_from_world: &Sim3, unit: f64) -> Map {
-    let keyframe =
-        |(id, keyframe): (&KeyframeId, &Keyframe)| (*id, keyframe_moved(keyframe, other_from_world, unit));
+/// unit is `keyframe_scale` times as large, whose lengths are therefore smaller numbers.
+pub fn moved(map: &Map, other_from_world: &Sim3, keyframe_scale: f64) -> Map {
+    let keyframe = |(id, keyframe): (&KeyframeId, &Keyframe)| {
+        (*id, keyframe_moved(keyframe, other_from_world, keyframe_scale))
+    };
     Map {
         agents: map.agents.clone(),
         keyframes: map.keyframes.iter().map(keyframe).collect(),
-        edges: map.edges.iter().map(|edge| edge_in_unit(edge, unit)).collect(),
-        frames: map.frames.iter().map(|frame| frame_in_unit(*frame, unit)).collect(),
+        edges: map.edges.iter().map(|edge| rescaled_edge(edge, keyframe_scale)).collect(),
+        frames: map.frames.iter().map(|frame| rescaled_frame(*frame, keyframe_scale)).collect(),
         merge_provenance: map.merge_provenance.clone(),
     }
 }
 
-fn keyframe_moved(keyframe: &Keyframe, other_from_world: &Sim3, unit: f64) -> Keyframe {
+fn keyframe_moved(keyframe: &Keyframe, other_from_world: &Sim3, keyframe_scale: f64) -> Keyframe {
     let mut keyframe = keyframe.clone();
     keyframe.world_from_keyframe = *other_from_world * keyframe.world_from_keyframe;
-    keyframe.world_from_keyframe.scale *= unit;
-    let per_unit = unit as f32;
-    keyframe.semi_dense.inverse_depth.iter_mut().for_each(|depth| *depth *= per_unit);
-    keyframe.semi_dense.variance.iter_mut().for_each(|variance| *variance *= per_unit * per_unit);
+    keyframe.world_from_keyframe.scale *= keyframe_scale;
+    let factor = keyframe_scale as f32;
+    keyframe.semi_dense.inverse_depth.iter_mut().for_each(|depth| *depth *= factor);
+    keyframe.semi_dense.variance.iter_mut().for_each(|variance| *variance *= factor * factor);
     for point in &mut keyframe.points {
-        point.inverse_depth *= per_unit;
-        point.variance *= per_unit * per_unit;
+        point.inverse_depth *= factor;
+        point.variance *= factor * factor;
     }
     keyframe
 }
 
-/// An edge between keyframes whose units became `unit` times as large.
-fn edge_in_unit(edge: &Edge, unit: f64) -> Edge {
+/// An edge between keyframes whose units became `keyframe_scale` times as large.
+fn rescaled_edge(edge: &Edge, keyframe_scale: f64) -> Edge {
     let mut edge = edge.clone();
-    edge.from_from_to.translation /= unit;
-    // A perturbation's translation becomes a smaller number by `unit`, the rest of it stays.
-    let former = SMatrix::<f64, 7, 7>::from_diagonal(&SVector::from([unit, unit, unit, 1.0, 1.0, 1.0, 1.0]));
+    edge.from_from_to.translation /= keyframe_scale;
+    // A perturbation's translation becomes a smaller number by `keyframe_scale`, the rest of it stays.
+    let former = SMatrix::<f64, 7, 7>::from_diagonal(&SVector::from([
+        keyframe_scale,
+        keyframe_scale,
+        keyframe_scale,
+        1.0,
+        1.0,
+        1.0,
+        1.0,
+    ]));
     edge.information = former * edge.information * former;
     edge
 }
 
-fn frame_in_unit(mut frame: FramePose, unit: f64) -> FramePose {
-    frame.keyframe_from_frame.translation /= unit;
+fn rescaled_frame(mut frame: FramePose, keyframe_scale: f64) -> FramePose {
+    frame.keyframe_from_frame.translation /= keyframe_scale;
     frame
 }
 

@@ -20,16 +20,16 @@ struct Variant {
     /// How much larger the numbers of each map's world become.
     scales: [f64; 2],
     /// How much larger the unit of each map's keyframes becomes.
-    units: [f64; 2],
+    keyframe_scales: [f64; 2],
 }
 
 const VARIANTS: [Variant; 3] = [
-    Variant { what: "worlds × 0.2 and × 5, moved", scales: [0.2, 5.0], units: [1.0, 1.0] },
-    Variant { what: "worlds × 5 and × 0.2, moved", scales: [5.0, 0.2], units: [1.0, 1.0] },
+    Variant { what: "worlds × 0.2 and × 5, moved", scales: [0.2, 5.0], keyframe_scales: [1.0, 1.0] },
+    Variant { what: "worlds × 5 and × 0.2, moved", scales: [5.0, 0.2], keyframe_scales: [1.0, 1.0] },
     Variant {
         what: "worlds × 0.7 and × 3, moved; keyframes' units × 3 and × 0.3",
         scales: [0.7, 3.0],
-        units: [3.0, 0.3],
+        keyframe_scales: [3.0, 0.3],
     },
 ];
 
@@ -62,7 +62,7 @@ pub fn measure(case: &Case, program: &Program, work: &Path) -> Result<Vec<Change
         for (i, original) in originals.iter().enumerate() {
             let home = folder.join(format!("{number}-{i}"));
             std::fs::create_dir_all(&home).with_context(|| format!("{}: cannot be made", home.display()))?;
-            let map = moved(original, &motion(&mut random, variant.scales[i]), variant.units[i]);
+            let map = moved(original, &motion(&mut random, variant.scales[i]), variant.keyframe_scales[i]);
             files.push(home.join("map.mcap"));
             save_map(&files[i], &map)?;
         }

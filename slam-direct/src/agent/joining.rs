@@ -80,8 +80,8 @@ impl Agent {
             });
         // The longest way tells the scale best.
         let (_, scale) = scales.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let unit = Sim3::new(Default::default(), Default::default(), scale);
-        let own_from_other = Sim3::from(own.inverse()) * unit * Sim3::from(there);
+        let scaling = Sim3::new(Default::default(), Default::default(), scale);
+        let own_from_other = Sim3::from(own.inverse()) * scaling * Sim3::from(there);
         Some(Link { own: newest.own, other: newest.other, own_from_other })
     }
 

@@ -174,11 +174,11 @@ pub(super) fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<Lo
         let pose = keyframe.world_from_keyframe;
         let state =
             KeyframeState::new(keyframe.timestamp, keyframe.frame_index, pyramid, pose.rigid().inverse());
-        local.push(KeyframeState { unit: pose.scale, motion, ..state });
+        local.push(KeyframeState { scale: pose.scale, motion, ..state });
     }
     let count = local.keyframes.len();
     for (host, keyframe) in map.keyframes.values().enumerate() {
-        let unit = keyframe.world_from_keyframe.scale;
+        let scale = keyframe.world_from_keyframe.scale;
         for (index, point) in keyframe.points.iter().enumerate() {
             let known = |o: &&map::Observation| (o.keyframe.0 as usize) < count;
             let seen: Vec<SeenAt> = point
@@ -194,13 +194,13 @@ pub(super) fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<Lo
             for seen in &seen {
                 local.keyframes[seen.keyframe].seen.push(PointRef { host, index });
             }
-            let inverse_depth = f64::from(point.inverse_depth) / unit;
+            let inverse_depth = f64::from(point.inverse_depth) / scale;
             let alive = !seen.is_empty() && point.inverse_depth > 0.0;
             let state = PointState {
                 pixel: point.pixel,
                 ray: local.ray(host, point.pixel, inverse_depth),
                 inverse_depth,
-                variance: f64::from(point.variance) / (unit * unit),
+                variance: f64::from(point.variance) / (scale * scale),
                 doubt: 0.0,
                 observations: seen,
                 alive,

@@ -3,7 +3,7 @@
 use super::edges;
 use super::evidence::NoLoop;
 use crate::local_map::LocalMap;
-use crate::mapping::UnitChange;
+use crate::mapping::ScaleChange;
 use backend::posegraph::{self, KernelShape, PoseGraphParams, RobustKernel};
 use geometry::Sim3;
 use map::{Edge, EdgeKind, KeyframeId};
@@ -36,10 +36,10 @@ impl GraphJob {
 
     /// Optimises the keyframes' similarities. Refuses when the loops contradict each other.
     pub fn solve(self) -> Result<Correction, NoLoop> {
-        let held = self.nodes.range(..self.first.max(LocalMap::id(1))).map(|(id, _)| *id).collect();
-        let edges = believable(&self.nodes, &self.edges, &held, &self.params)?;
+        let fixed = self.nodes.range(..self.first.max(LocalMap::id(1))).map(|(id, _)| *id).collect();
+        let edges = believable(&self.nodes, &self.edges, &fixed, &self.params)?;
         let mut nodes = self.nodes.clone();
-        let report = posegraph::optimise(&mut nodes, &edges, &held, &self.params).map_err(NoLoop::Graph)?;
+        let report = posegraph::optimise(&mut nodes, &edges, &fixed, &self.params).map_err(NoLoop::Graph)?;
         let loses_a_loop = report.suppressed.iter().any(|&i| edges[i].kind == EdgeKind::Loop);
         if loses_a_loop || nodes.values().any(|node| !node.is_valid()) {
             return Err(NoLoop::Contradicted);
@@ -51,8 +51,8 @@ impl GraphJob {
 }
 
 impl Correction {
-    /// Moves the map: each keyframe's scale goes into its unit and the depths of its points. Keyframes made since the graph was taken go along with the last one it knew.
-    pub fn apply(&self, map: &mut LocalMap) -> Vec<UnitChange> {
+    /// Moves the map: the correction of each keyframe goes into its pose, its scale and the depths of its points. Keyframes made since the graph was taken go along with the last one it knew.
+    pub fn apply(&self, map: &mut LocalMap) -> Vec<ScaleChange> {
         let Some(first) = self.0.keys().next().map(|id| id.0 as usize) else { return Vec::new() };
         (first..map.keyframes.len())
             .filter_map(|keyframe| {
@@ -102,15 +102,15 @@ fn believable(
 }
 
 /// Puts a keyframe where the graph wants it.
-fn place(map: &mut LocalMap, keyframe: usize, world_from_keyframe: &Sim3) -> UnitChange {
+fn place(map: &mut LocalMap, keyframe: usize, world_from_keyframe: &Sim3) -> ScaleChange {
     let state = &mut *map.keyframes[keyframe];
-    let factor = world_from_keyframe.scale / state.unit;
-    state.unit = world_from_keyframe.scale;
+    let factor = world_from_keyframe.scale / state.scale;
+    state.scale = world_from_keyframe.scale;
     state.camera_from_world = world_from_keyframe.rigid().inverse().renormalized();
     for point in &mut state.points {
         point.inverse_depth /= factor;
         point.variance /= factor * factor;
         point.doubt /= factor * factor;
     }
-    UnitChange { keyframe, factor }
+    ScaleChange { keyframe, factor }
 }

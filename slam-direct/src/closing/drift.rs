@@ -24,8 +24,12 @@ pub(crate) struct Drift {
 
 /// A similarity between two keyframes in their own units as one of lengths in the world's.
 pub(super) fn in_world_units(map: &LocalMap, to: usize, from: usize, to_from_from: &Sim3) -> Sim3 {
-    let [to, from] = [to, from].map(|k| map.keyframes[k].unit);
-    Sim3::new(to_from_from.rotation, to_from_from.translation * to, to_from_from.scale * to / from)
+    let [to_scale, from_scale] = [to, from].map(|k| map.keyframes[k].scale);
+    Sim3::new(
+        to_from_from.rotation,
+        to_from_from.translation * to_scale,
+        to_from_from.scale * to_scale / from_scale,
+    )
 }
 
 /// Compares a measured similarity with the map; refuses more drift than the way explains.

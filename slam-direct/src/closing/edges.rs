@@ -146,9 +146,9 @@ fn relative(map: &LocalMap, from: usize, to: usize) -> Se3 {
 
 /// An edge with `information` about lengths in world units, brought to the keyframes' units.
 fn edge(map: &LocalMap, newer: usize, older: usize, mut information: Matrix7) -> Edge {
-    let unit = map.keyframes[newer].unit;
-    information.fixed_rows_mut::<3>(0).scale_mut(unit);
-    information.fixed_columns_mut::<3>(0).scale_mut(unit);
+    let scale = map.keyframes[newer].scale;
+    information.fixed_rows_mut::<3>(0).scale_mut(scale);
+    information.fixed_columns_mut::<3>(0).scale_mut(scale);
     Edge {
         from: LocalMap::id(newer),
         to: LocalMap::id(older),

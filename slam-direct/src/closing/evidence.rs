@@ -83,10 +83,14 @@ pub(super) fn test(
     if !seen.is_good(p.min_matched, p.min_share) {
         return Err(NoLoop::FewMatches { found: seen.inliers().count(), searched: seen.searched.len() });
     }
-    let [unit, old_unit] = [current, old].map(|k| local.keyframes[k].unit);
-    let scale = unit * scale(local, &seen, &current_public.semi_dense).ok_or(NoLoop::NoScale)?;
+    let [current_scale, old_scale] = [current, old].map(|k| local.keyframes[k].scale);
+    let scale = current_scale * scale(local, &seen, &current_public.semi_dense).ok_or(NoLoop::NoScale)?;
     let relative = seen.camera_from_world * local.keyframes[old].camera_from_world.inverse();
-    let start = Sim3::new(relative.rotation, relative.translation * scale / unit, scale * old_unit / unit);
+    let start = Sim3::new(
+        relative.rotation,
+        relative.translation * scale / current_scale,
+        scale * old_scale / current_scale,
+    );
     drift::check(local, current, old, &start, p)?;
     if !is_confirmed(local, &new_side, &old_side, &seen.camera_from_world, scale, params) {
         return Err(NoLoop::Unconfirmed);
@@ -105,17 +109,17 @@ pub(super) fn side(local: &LocalMap, keyframe: usize, other: usize, count: usize
     side
 }
 
-/// The current keyframe's pose were it to see the old place, in the unit of the old side: direct alignment
+/// The current keyframe's pose were it to see the old place, in the scale of the old side: direct alignment
 /// with the old keyframe's points.
 fn align(local: &LocalMap, current: usize, old: usize, candidate: &LoopCandidate, params: &Params) -> Se3 {
     let state = &local.keyframes[old];
     let points = local.reference_points(old);
     let reference = AlignmentReference::new(&state.pyramid, &local.camera, &points, &params.align);
-    let in_old_unit = |guess: &Sim3| {
+    let in_old_scale = |guess: &Sim3| {
         let guess = drift::in_world_units(local, current, old, guess);
         Se3::new(guess.rotation, guess.translation / guess.scale)
     };
-    let guesses: Vec<Se3> = candidate.current_from_old.iter().map(in_old_unit).collect();
+    let guesses: Vec<Se3> = candidate.current_from_old.iter().map(in_old_scale).collect();
     let aligned = track::align_from_guesses(
         &reference,
         &local.keyframes[current].pyramid,
@@ -169,8 +173,8 @@ fn is_confirmed(
     let current = &local.keyframes[new_side[0]].camera_from_world;
     new_side[1..].iter().take(3).any(|&neighbour| {
         let relative = local.keyframes[neighbour].camera_from_world * current.inverse();
-        let in_old_unit = Se3::new(relative.rotation, relative.translation / scale);
-        let seen = match_side(local, old_side, neighbour, in_old_unit * *current_from_world, &params.track);
+        let in_old_scale = Se3::new(relative.rotation, relative.translation / scale);
+        let seen = match_side(local, old_side, neighbour, in_old_scale * *current_from_world, &params.track);
         seen.is_good(p.min_matched / 2, p.min_share)
     })
 }

@@ -21,15 +21,15 @@ fn sim3_basin_and_accuracy_on_rendered_keyframes() {
             let mut baseline = 0.0;
             for first in (0..poses.len() - gap).step_by(30).map(|i| i / 10 * 10) {
                 let second = first + gap;
-                let unit = 1.5;
+                let target_scale = 1.5;
                 let (source_pyramid, source_depth) = keyframe(&sequence, first, 1.0, 0.02);
-                let (target_pyramid, target_depth) = keyframe(&sequence, second, unit, 0.02);
+                let (target_pyramid, target_depth) = keyframe(&sequence, second, target_scale, 0.02);
                 let source = KeyframeView::new(&source_pyramid, &source_depth, &camera());
                 let target = KeyframeView::new(&target_pyramid, &target_depth, &camera());
-                let to = Sim3::new(poses[second].rotation, poses[second].translation, unit);
+                let to = Sim3::new(poses[second].rotation, poses[second].translation, target_scale);
                 let truth = to.inverse() * Sim3::from(poses[first]);
                 let step = truth.translation.norm();
-                baseline += step * unit;
+                baseline += step * target_scale;
                 let mut disturbance = SVector::<f64, 7>::from_fn(|_, _| uniform());
                 disturbance.fixed_rows_mut::<3>(0).normalize_mut();
                 disturbance.fixed_rows_mut::<3>(0).scale_mut(translation * step);
@@ -49,7 +49,7 @@ fn sim3_basin_and_accuracy_on_rendered_keyframes() {
                 };
                 let error = (truth * forward.target_from_source.inverse()).log();
                 let difference = (forward.target_from_source.inverse() * truth).log();
-                let relative = difference.fixed_rows::<3>(0).norm() * 1.0 / (step * unit);
+                let relative = difference.fixed_rows::<3>(0).norm() * 1.0 / (step * target_scale);
                 let verdict = reciprocal(forward, backward, &params).unwrap();
                 let turned = difference.fixed_rows::<3>(3).norm().to_degrees();
                 let is_good = turned < 0.3 && relative < 0.03 && difference[6].abs() < 0.02;

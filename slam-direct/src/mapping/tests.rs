@@ -145,7 +145,7 @@ fn unit_changes_tell_the_factor_of_each_keyframe() {
     for point in &mut window.problem.points {
         point.inverse_depth /= 1.25;
     }
-    let changes = window.unit_changes(&before);
+    let changes = window.scale_changes(&before);
     assert_eq!(changes.iter().map(|c| c.keyframe).collect::<Vec<_>>(), [0, 1, 2]);
     assert!(changes.iter().all(|c| (c.factor - 1.25).abs() < 1e-5), "{changes:?}");
 }

@@ -1,6 +1,6 @@
 //! Keyframes and points of the map as a joint optimisation, and its result carried back.
 
-use super::UnitChange;
+use super::ScaleChange;
 use crate::local_map::{LocalMap, PointRef, PointState, SeenAt};
 use crate::window::{
     Calibration, DistortedPixel, Pairs, Problem, WindowObservation, WindowPoint, least_variance_by_rotation,
@@ -112,8 +112,8 @@ impl Window {
         all
     }
 
-    /// How the units of the keyframes that were moved changed since their depths were `before`, one change each.
-    pub fn unit_changes(&self, before: &[(usize, f64)]) -> Vec<UnitChange> {
+    /// How the scales of the keyframes that were moved changed since their depths were `before`, one change each.
+    pub fn scale_changes(&self, before: &[(usize, f64)]) -> Vec<ScaleChange> {
         let mut ratios: Vec<Vec<f32>> = vec![Vec::new(); self.keyframes.len()];
         for (&(frame, old), (_, new)) in before.iter().zip(self.frame_depths()) {
             if old > 0.0 && new > 0.0 {
@@ -122,7 +122,7 @@ impl Window {
         }
         let change = |(frame, &keyframe): (usize, &usize)| {
             let factor = median(&mut ratios[frame]).filter(|f| f.is_finite()).unwrap_or(1.0);
-            self.active[frame].then_some(UnitChange { keyframe, factor: factor.into() })
+            self.active[frame].then_some(ScaleChange { keyframe, factor: factor.into() })
         };
         self.keyframes.iter().enumerate().filter_map(change).collect()
     }

@@ -193,6 +193,6 @@ fn the_rows_of_a_rolling_shutter_tell_how_the_camera_turns() {
     let view = View { pyramid: &frame.pyramid, camera_from_world, motion: twist * 0.5 };
     let found = motion_by_rows(&map, &view, &matched, 1.0);
     assert!((found - twist).norm() < 0.05 * twist.norm(), "{found}");
-    let held = motion_by_rows(&map, &view, &matched, 1e-4);
-    assert!((held - view.motion).norm() < 0.01, "{held}");
+    let by_prior = motion_by_rows(&map, &view, &matched, 1e-4);
+    assert!((by_prior - view.motion).norm() < 0.01, "{by_prior}");
 }

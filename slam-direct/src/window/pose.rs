@@ -25,7 +25,7 @@ impl SeenPoint {
     }
 }
 
-/// Robust Gauss–Newton on the pose of a frame, depths held.
+/// Robust Gauss–Newton on the pose of a frame, depths fixed.
 pub(crate) struct PoseSolver {
     /// Steps at most.
     pub iterations: usize,
@@ -33,7 +33,7 @@ pub(crate) struct PoseSolver {
     pub wide: usize,
     /// Squared length of a step with the narrow kernel below which no other follows; 0 makes them all.
     pub settled: f64,
-    /// Whether the translation is held.
+    /// Whether the translation is fixed.
     pub rotation_only: bool,
 }
 
@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn a_held_translation_stays() {
+    fn a_fixed_translation_stays() {
         let pure_rotation = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.02, -0.03, 0.01));
         let solver = PoseSolver { rotation_only: true, ..SOLVER };
         let found = solver.solve(&CAMERA, &Se3::identity(), &seen(&pure_rotation, 1000));

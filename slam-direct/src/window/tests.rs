@@ -363,10 +363,10 @@ fn a_bent_lens_is_straightened_and_a_rolling_shutter_found() {
             assert!(truth == 0.0 || found == 0.0, "what is known is not changed: {found}");
         }
     }
-    let mut held = bent(&truth, [-0.02, 0.0, 0.0]);
-    held.calibration = None;
-    solve(&mut held, 30);
-    assert!(errors(&held, &truth, 1.0).1 > 0.01, "what it costs not to ask");
+    let mut uncorrected = bent(&truth, [-0.02, 0.0, 0.0]);
+    uncorrected.calibration = None;
+    solve(&mut uncorrected, 30);
+    assert!(errors(&uncorrected, &truth, 1.0).1 > 0.01, "what it costs not to ask");
 }
 
 #[test]

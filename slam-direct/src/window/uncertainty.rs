@@ -50,17 +50,17 @@ pub(crate) fn least_variance_by_rotation(
 /// Variance that the uncertainty of the poses adds to each point's inverse depth, squared 1/map unit: what comes on top of
 /// [`WindowPoint::information`](super::WindowPoint::information), which takes the poses for exact.
 ///
-/// The scale of what the free frames see is known only by what they share with the frames that are held. Where that is
+/// The scale of what the free frames see is known only by what they share with the frames that are fixed. Where that is
 /// little, all depths among them vary together, and this is large for each of them. A problem that holds fewer than two
 /// frames has no scale to compare with: the two oldest hold it then.
 ///
 /// `None` where the frames leave a motion open.
 pub(crate) fn variances_by_poses(problem: &Problem, pairs: &Pairs) -> Option<Vec<f64>> {
-    let mut held = problem.clone();
-    held.calibration = None;
-    let lacking = 2usize.saturating_sub(held.fixed.iter().filter(|fixed| **fixed).count());
-    held.fixed.iter_mut().filter(|fixed| !**fixed).take(lacking).for_each(|fixed| *fixed = true);
-    let mut normal = Normal::new(&held, pairs).ok()?;
-    normal.linearise(&held, pairs, &pairs.relative(&held.frames));
-    normal.variances_by_poses(&held, pairs)
+    let mut anchored = problem.clone();
+    anchored.calibration = None;
+    let lacking = 2usize.saturating_sub(anchored.fixed.iter().filter(|fixed| **fixed).count());
+    anchored.fixed.iter_mut().filter(|fixed| !**fixed).take(lacking).for_each(|fixed| *fixed = true);
+    let mut normal = Normal::new(&anchored, pairs).ok()?;
+    normal.linearise(&anchored, pairs, &pairs.relative(&anchored.frames));
+    normal.variances_by_poses(&anchored, pairs)
 }

@@ -45,16 +45,16 @@ fn a_loop_pulls_a_drifted_map_together() {
     let (newer, older) = found.keyframes();
     assert!(newer.0 >= 54 && older.0 <= 6, "{newer:?} {older:?}");
     closer.start(&scene.local, found, &params);
-    let units: Vec<f64> = scene.local.keyframes.iter().map(|k| k.unit).collect();
+    let scales: Vec<f64> = scene.local.keyframes.iter().map(|k| k.scale).collect();
     let (closed, moved) = closer.finish(&mut scene.local, &params).unwrap().unwrap();
     assert_eq!(moved.len(), scene.local.keyframes.len());
     assert_eq!(closed.keyframes(), (newer, older));
     let after = error(&centres(&scene.local), &truth);
     assert!(before > 0.15 && after < 0.1 * before, "{before} m before, {after} m after");
-    // The units follow: the injected drift of scale at the newer end is gone.
-    let unit = |id: KeyframeId| scene.local.keyframes[id.0 as usize].unit / units[id.0 as usize];
+    // The scales follow: the injected drift of scale at the newer end is gone.
+    let scale = |id: KeyframeId| scene.local.keyframes[id.0 as usize].scale / scales[id.0 as usize];
     let (between, expected) =
-        (unit(newer) / unit(older), drift().scale.powi(older.0 as i32 - newer.0 as i32));
+        (scale(newer) / scale(older), drift().scale.powi(older.0 as i32 - newer.0 as i32));
     assert!((between / expected - 1.0).abs() < 0.02, "{between} instead of {expected}");
     // Both sides see one place now, so nothing is left to close.
     let shared = scene.local.covisible(newer.0 as usize);

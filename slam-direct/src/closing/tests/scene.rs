@@ -91,7 +91,7 @@ impl Scene {
                 point.inverse_depth /= drifted.scale;
                 point.variance /= drifted.scale * drifted.scale;
             }
-            state.unit *= drifted.scale;
+            state.scale *= drifted.scale;
         }
         for (id, keyframe) in &mut self.public.keyframes {
             keyframe.world_from_keyframe = self.local.world_from_keyframe(id.0 as usize);
