@@ -214,7 +214,7 @@ impl PageSession for Visitor {
         self.desk.over.load(Ordering::Acquire)
     }
 
-    fn news(&mut self) -> (Vec<Message>, bool) {
+    fn next_messages(&mut self) -> (Vec<Message>, bool) {
         let state = self.desk.state();
         if state.tick == self.tick {
             return (Vec::new(), false);

@@ -18,11 +18,11 @@ pub trait CommonListener: Send + Sync {
 
 impl CommonListener for Common {
     fn cameras(&mut self, merged: &[Fused]) {
-        self.say(merged);
+        self.publish_cameras(merged);
     }
 
     fn lidars(&mut self, inputs: &[Input], merging: &LidarMerging) {
-        self.say_lidars(inputs, merging);
+        self.publish_lidars(inputs, merging);
     }
 
     fn tick(&mut self) {

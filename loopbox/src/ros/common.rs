@@ -58,14 +58,14 @@ impl Common {
         Self { outlet: Box::new(outlet), of_cameras, of_lidars, when: Instant::now() }
     }
 
-    /// Says what was merged of cameras.
-    pub fn say(&mut self, merged: &[Fused]) {
+    /// Publishes what was merged of cameras.
+    pub fn publish_cameras(&mut self, merged: &[Fused]) {
         self.of_cameras = messages(&merged.iter().map(Together::of).collect::<Vec<_>>());
         self.publish();
     }
 
-    /// Says what was merged of LiDARs.
-    pub fn say_lidars(&mut self, inputs: &[Input], merging: &LidarMerging) {
+    /// Publishes what was merged of LiDARs.
+    pub fn publish_lidars(&mut self, inputs: &[Input], merging: &LidarMerging) {
         let place = |number: &usize| Some(place_of(merging, inputs.get(*number)?, *number));
         let together = merging.groups.iter().map(|group| {
             let root_from_agent = group.members.iter().map(place).collect();
@@ -75,7 +75,7 @@ impl Common {
         self.publish();
     }
 
-    /// Says it again, when it is time.
+    /// Publishes it again, when it is time.
     pub fn tick(&mut self) {
         if self.when.elapsed() >= INTERVAL {
             self.publish();
@@ -90,7 +90,7 @@ impl Common {
     }
 }
 
-/// What there is to say of several agents that hang together.
+/// What is published of several agents that hang together.
 fn messages(all: &[Together]) -> Vec<TopicMessage> {
     let mut messages = Vec::new();
     let mut transforms = Vec::new();

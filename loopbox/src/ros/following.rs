@@ -13,7 +13,7 @@ const MAX_POSES: usize = 1000;
 
 /// What was not published yet.
 #[derive(Default)]
-pub(super) struct News {
+pub(super) struct Pending {
     /// Who maps, once that is known.
     pub about: Option<AgentInfo>,
     /// Poses of frames in order.
@@ -57,38 +57,38 @@ pub(super) struct Depth {
     pub shift: Shift,
 }
 
-/// Where news waits.
+/// Where it waits.
 #[derive(Default)]
 pub(super) struct Slot {
-    news: Mutex<News>,
+    pending: Mutex<Pending>,
     left: Condvar,
 }
 
 impl Slot {
-    fn open(&self) -> MutexGuard<'_, News> {
+    fn open(&self) -> MutexGuard<'_, Pending> {
         // Every section leaves it whole, so a panic elsewhere does not spoil it.
-        self.news.lock().unwrap_or_else(PoisonError::into_inner)
+        self.pending.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Leaves something and wakes who takes it.
-    pub fn leave(&self, change: impl FnOnce(&mut News)) {
-        let mut news = self.open();
-        change(&mut news);
-        news.fresh = true;
-        drop(news);
+    /// Adds something and wakes who takes it.
+    pub fn update(&self, change: impl FnOnce(&mut Pending)) {
+        let mut pending = self.open();
+        change(&mut pending);
+        pending.fresh = true;
+        drop(pending);
         self.left.notify_one();
     }
 
     /// Takes what was left; waits for it, at most so long.
-    pub fn take(&self, patience: Duration) -> News {
-        let waited = self.left.wait_timeout_while(self.open(), patience, |news| !news.fresh);
-        let mut news = waited.unwrap_or_else(PoisonError::into_inner).0;
-        let world = news.world;
-        std::mem::replace(&mut *news, News { world, ..News::default() })
+    pub fn take(&self, patience: Duration) -> Pending {
+        let waited = self.left.wait_timeout_while(self.open(), patience, |pending| !pending.fresh);
+        let mut pending = waited.unwrap_or_else(PoisonError::into_inner).0;
+        let world = pending.world;
+        std::mem::replace(&mut *pending, Pending { world, ..Pending::default() })
     }
 }
 
-/// Is told by a run how it goes, and leaves in the slot what is new. It does no work but to copy what little is not shared.
+/// Follows a run, and leaves in the slot what is new. It does no work but to copy what little is not shared.
 pub struct Follower {
     slot: Arc<Slot>,
     /// The worlds of the run so far, in the order they were first seen.
@@ -126,7 +126,7 @@ impl Follower {
 
 impl MapListener for Follower {
     fn begins(&mut self, about: &AgentInfo) {
-        self.slot.leave(|news| news.about = Some(about.clone()));
+        self.slot.update(|pending| pending.about = Some(about.clone()));
     }
 
     fn changed(&mut self, _: Identity, _: Vec<MapDelta>) {
@@ -142,29 +142,29 @@ impl MapListener for Follower {
         if tracked.is_none() && seen.deltas.is_empty() && !anew {
             return;
         }
-        self.slot.leave(|news| {
+        self.slot.update(|pending| {
             if anew {
-                news.begin(world);
-                seen.map.keyframes.values().for_each(|keyframe| news.hand_on(keyframe, seen.map));
+                pending.begin(world);
+                seen.map.keyframes.values().for_each(|keyframe| pending.hand_on(keyframe, seen.map));
             }
             for delta in seen.deltas {
                 let moved = delta.moved.iter().map(|moved| moved.keyframe);
                 for id in moved.chain(delta.added.iter().map(|keyframe| keyframe.id)) {
                     if let Some(keyframe) = seen.map.keyframes.get(&id) {
-                        news.moved.insert(id, keyframe.world_from_keyframe);
+                        pending.moved.insert(id, keyframe.world_from_keyframe);
                     }
                 }
                 for settled in &delta.settled {
                     if let Some(keyframe) = seen.map.keyframes.get(&settled.keyframe) {
-                        news.hand_on(keyframe, seen.map);
+                        pending.hand_on(keyframe, seen.map);
                     }
                 }
             }
-            if news.poses.len() >= MAX_POSES && tracked.is_some() {
-                news.poses.pop_front();
-                news.dropped += 1;
+            if pending.poses.len() >= MAX_POSES && tracked.is_some() {
+                pending.poses.pop_front();
+                pending.dropped += 1;
             }
-            news.poses.extend(tracked);
+            pending.poses.extend(tracked);
         });
     }
 
@@ -174,17 +174,17 @@ impl MapListener for Follower {
         let Some(map) = maps.first().filter(own) else { return };
         let Some(identity) = map.agents.values().find_map(|agent| agent.identity) else { return };
         let world = self.world(identity);
-        self.slot.leave(|news| {
+        self.slot.update(|pending| {
             if self.current != Some(world) {
-                news.begin(world);
+                pending.begin(world);
             }
-            map.keyframes.values().for_each(|keyframe| news.hand_on(keyframe, map));
+            map.keyframes.values().for_each(|keyframe| pending.hand_on(keyframe, map));
         });
         self.current = Some(world);
     }
 }
 
-impl News {
+impl Pending {
     /// Forgets what waits of another map.
     fn begin(&mut self, world: usize) {
         (self.anew, self.world) = (true, world);

@@ -1,29 +1,29 @@
 //! What a run knows, published to ROS 2 while it goes on: poses, points and frames, as the crate `ros2` encodes them.
 //!
 //! `following` is told by the run, which never waits: what is new of the map waits in one place, which is no larger than the
-//! map, and of poses the newest. `saying` makes messages of it in a thread that gives way to all others.
+//! map, and of poses the newest. `publisher` makes messages of it in a thread that gives way to all others.
 //! `common` is what a station knows of several agents.
 
 mod common;
 mod following;
-mod saying;
+mod publisher;
 #[cfg(test)]
 mod tests;
 
 pub use common::Common;
 pub use following::Follower;
-pub use saying::Published;
+pub use publisher::Published;
 
 use crate::run::lower_priority;
 use anyhow::{Context, Result};
 use following::Slot;
+use publisher::RunPublisher;
 use ros2::Outlet;
-use saying::Sayer;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-/// How long the thread waits for news before it looks whether there is something to say again.
+/// How long the thread waits for something new before it looks whether something is to be published again.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// A run that is being published.
@@ -42,13 +42,13 @@ impl Publishing {
         let of_thread = Arc::clone(&slot);
         let work = move || {
             lower_priority();
-            let mut sayer = Sayer::default();
+            let mut publisher = RunPublisher::default();
             loop {
-                let news = of_thread.take(PATIENCE);
-                let ended = news.ended;
-                sayer.say(news, &mut outlet);
+                let pending = of_thread.take(PATIENCE);
+                let ended = pending.ended;
+                publisher.publish(pending, &mut outlet);
                 if ended {
-                    return sayer.published();
+                    return publisher.published();
                 }
             }
         };
@@ -62,7 +62,7 @@ impl Publishing {
     /// # Errors
     /// When the thread broke down.
     pub fn finish(self) -> Result<Published> {
-        self.slot.leave(|news| news.ended = true);
+        self.slot.update(|pending| pending.ended = true);
         self.thread
             .join()
             .map_err(|_| anyhow::anyhow!("internal error in publishing to ROS 2, please report it"))

@@ -1,7 +1,7 @@
 //! A run of a few frames, told frame by frame.
 
 use super::following::Slot;
-use super::saying::Sayer;
+use super::publisher::RunPublisher;
 use super::*;
 use crate::run::{MapListener, Seen};
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
@@ -61,7 +61,7 @@ struct Case {
     agent: Identity,
     follower: Follower,
     slot: Arc<Slot>,
-    sayer: Sayer,
+    publisher: RunPublisher,
     kept: Kept,
     sequence: u64,
 }
@@ -72,7 +72,15 @@ impl Case {
         let mut follower = Follower::new(Arc::clone(&slot));
         follower.begins(&AgentInfo::new(AGENT, CAMERA));
         let (map, agent) = (Map::new(CAMERA), Identity::random([7; 16]));
-        Self { map, agent, follower, slot, sayer: Sayer::default(), kept: Kept::default(), sequence: 0 }
+        Self {
+            map,
+            agent,
+            follower,
+            slot,
+            publisher: RunPublisher::default(),
+            kept: Kept::default(),
+            sequence: 0,
+        }
     }
 
     /// A frame at `time`, that has this pose against keyframe 0, with what is said of the map.
@@ -94,9 +102,9 @@ impl Case {
         self.follower.looked(&Seen { agent, timestamp: time, world_from_camera, deltas: &deltas, map });
     }
 
-    fn say(&mut self) {
-        let news = self.slot.take(Duration::ZERO);
-        self.sayer.say(news, &mut self.kept);
+    fn publish(&mut self) {
+        let pending = self.slot.take(Duration::ZERO);
+        self.publisher.publish(pending, &mut self.kept);
     }
 }
 
@@ -136,11 +144,11 @@ fn every_pose_is_published_once_and_lost_frames_are_not() {
     case.look(0.0, step(0.0), added([0]));
     case.look(0.1, step(0.1), MapDelta::default());
     case.look(0.2, None, MapDelta::default());
-    case.say();
+    case.publish();
     case.look(0.3, step(0.3), MapDelta::default());
-    case.say();
+    case.publish();
     assert_eq!((case.kept.of("/the_yard/odometry").len(), case.kept.of("/tf").len()), (3, 3));
-    assert_eq!(case.sayer.published().poses, 3);
+    assert_eq!(case.publisher.published().poses, 3);
     let transforms = case.kept.of("/tf");
     for frame in ["the_yard/map", "the_yard/odom", "the_yard/camera", "the_yard/camera_optical"] {
         assert!(has(&transforms[0], &format!("{frame}\0")), "{frame}");
@@ -157,7 +165,7 @@ fn corrections_do_not_move_the_odometry() {
     case.look(0.0, step(0.0), added([0]));
     case.look(0.1, step(0.1), MapDelta::default());
     case.look(0.2, step(0.2), moved(0, 5.0));
-    case.say();
+    case.publish();
     let places: Vec<_> = case.kept.of("/the_yard/odometry").iter().map(|bytes| position(bytes)[1]).collect();
     for (place, expected) in places.iter().zip([0.0, -0.1, -0.2]) {
         assert!((place - expected).abs() < 1e-9, "{places:?}");
@@ -168,21 +176,21 @@ fn corrections_do_not_move_the_odometry() {
 fn points_are_published_when_their_depth_is_new_and_the_map_is_current() {
     let mut case = Case::new();
     case.look(0.0, step(0.0), added([0, 1]));
-    case.say();
+    case.publish();
     assert_eq!(
-        (case.sayer.published().clouds, case.sayer.published().map_clouds),
+        (case.publisher.published().clouds, case.publisher.published().map_clouds),
         (0, 0),
         "there are no points"
     );
     case.look(0.1, step(0.1), settled(0, 0.5));
     case.look(0.2, step(0.1), settled(1, 0.5));
-    case.say();
-    assert_eq!((case.sayer.published().clouds, case.sayer.published().map_clouds), (2, 1));
+    case.publish();
+    assert_eq!((case.publisher.published().clouds, case.publisher.published().map_clouds), (2, 1));
     // Keyframes that are moved say nothing new of their points.
     case.look(0.3, step(0.1), moved(1, 3.0));
-    case.slot.leave(|news| news.ended = true);
-    case.say();
-    assert_eq!((case.sayer.published().clouds, case.sayer.published().map_clouds), (2, 2));
+    case.slot.update(|pending| pending.ended = true);
+    case.publish();
+    assert_eq!((case.publisher.published().clouds, case.publisher.published().map_clouds), (2, 2));
     let clouds = case.kept.of("/the_yard/map_points");
     assert_eq!(clouds[0].len(), clouds[1].len());
     assert_ne!(clouds[0], clouds[1], "they are elsewhere in the map");
@@ -192,8 +200,8 @@ fn points_are_published_when_their_depth_is_new_and_the_map_is_current() {
     let mut map = case.map.clone();
     map.agents.values_mut().for_each(|about| about.identity = Some(case.agent));
     case.follower.ended(&[map]);
-    case.say();
-    assert_eq!(case.sayer.published().clouds, 3);
+    case.publish();
+    assert_eq!(case.publisher.published().clouds, 3);
 }
 
 #[test]
@@ -201,11 +209,11 @@ fn a_map_begun_anew_has_a_frame_of_its_own() {
     let mut case = Case::new();
     case.look(0.0, step(0.0), added([0]));
     case.look(0.1, step(0.7), settled(0, 0.5));
-    case.say();
+    case.publish();
     (case.map, case.sequence, case.agent) = (Map::new(CAMERA), 0, case.agent.later(1));
     case.look(0.2, step(0.0), added([0]));
     case.look(0.3, step(0.1), settled(0, 0.5));
-    case.say();
+    case.publish();
     let (transforms, points) = (case.kept.of("/tf"), case.kept.of("/the_yard/points"));
     let anew: Vec<_> = transforms.iter().map(|bytes| has(bytes, "the_yard/map_2\0")).collect();
     assert_eq!(anew, [false, false, true, true]);
@@ -277,7 +285,7 @@ fn a_common_map_publishes_the_others_poses_and_is_published_again() {
     let alone = Fused { map: other("alone", 5.0), agents: vec![AgentId(7)], ..fused.clone() };
     let kept = Kept::default();
     let mut common = Common::new(kept.clone());
-    common.say(&[alone, fused]);
+    common.publish_cameras(&[alone, fused]);
     let topics: Vec<String> = kept.0.lock().unwrap().iter().map(|(topic, _)| topic.clone()).collect();
     let expected =
         ["/the_yard/common_odometry", "/the_court/common_odometry", "/the_yard/common_points", "/tf_static"];

@@ -2,7 +2,7 @@
 
 mod gate;
 
-use super::scene::{Cursor, News, Placed, Step};
+use super::scene::{Cursor, Placed, SceneUpdate, Step};
 use super::{Chunk, Picture, Shared, Status};
 use anyhow::{Context as _, Result};
 use foxglove::messages::packed_element_field::NumericType;
@@ -18,7 +18,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-/// How often the scene is looked at for news.
+/// How often the scene is looked at for changes.
 const ROUND: Duration = Duration::from_millis(100);
 /// Of a keyframe this many points are shown: Foxglove draws all it gets.
 const POINTS: usize = 8192;
@@ -100,18 +100,18 @@ impl Sink {
             }
             let wanted = self.image.has_sinks();
             seat = if wanted { seat.or_else(|| Some(shared.join())) } else { None };
-            let (news, camera) = {
+            let (update, camera) = {
                 let scene = shared.scene();
                 let camera = scene.agents.first().map(|agent| agent.camera);
-                (scene.news(&mut cursor, 1 << 20), camera)
+                (scene.update_since(&mut cursor, 1 << 20), camera)
             };
-            self.publish(&news, camera.as_ref(), &mut trajectory);
+            self.publish(&update, camera.as_ref(), &mut trajectory);
             std::thread::sleep(ROUND);
         }
     }
 
-    fn publish(&self, news: &News, camera: Option<&Pinhole>, trajectory: &mut Vec<Step>) {
-        if let Some((from, steps)) = &news.trajectory {
+    fn publish(&self, update: &SceneUpdate, camera: Option<&Pinhole>, trajectory: &mut Vec<Step>) {
+        if let Some((from, steps)) = &update.trajectory {
             trajectory.truncate(*from);
             trajectory.extend(steps);
             let pose = |step: &Step| {
@@ -125,18 +125,18 @@ impl Sink {
             let poses = trajectory.iter().map(pose).collect();
             self.trajectory.log(&PosesInFrame { timestamp: None, frame_id: WORLD.into(), poses });
         }
-        let mut transforms: Vec<FrameTransform> = news.keyframes.iter().map(keyframe_transform).collect();
-        transforms.extend(news.status.as_deref().and_then(camera_transform));
+        let mut transforms: Vec<FrameTransform> = update.keyframes.iter().map(keyframe_transform).collect();
+        transforms.extend(update.status.as_deref().and_then(camera_transform));
         if !transforms.is_empty() {
             self.transforms.log(&FrameTransforms { transforms });
         }
-        if let Some(picture) = &news.picture {
+        if let Some(picture) = &update.picture {
             self.image.log(&image(picture));
             if let Some(camera) = camera {
                 self.calibration.log(&calibration(camera, picture));
             }
         }
-        for (placed, chunk) in &news.chunks {
+        for (placed, chunk) in &update.chunks {
             self.cloud.log(&cloud(placed, chunk));
         }
     }

@@ -248,7 +248,7 @@ impl Watch {
 }
 
 impl Inner {
-    /// Lets the watcher take in what is left; nothing is news after it.
+    /// Lets the watcher take in what is left; nothing is new after it.
     fn close(&mut self) {
         if let Some(watcher) = self.watcher.take() {
             self.shared.slot.leave(|pending| pending.ended = true);

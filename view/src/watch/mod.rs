@@ -2,7 +2,7 @@
 //!
 //! The run's loop calls [`Watch`]: it leaves what is new in a slot (`feed`) and takes the user's commands. A thread
 //! of low priority (`watcher`) keeps the `scene` up to date; each sink has its own thread and takes from the scene
-//! what is news to it: the page in the browser (`web`), Foxglove (`foxglove`). So no sink slows the tracker down, and
+//! what it has not seen: the page in the browser (`web`), Foxglove (`foxglove`). So no sink slows the tracker down, and
 //! a slow one skips what it could not show anyway. A station has no run: what it collects is put into a scene by
 //! `station`, and maps that are saved by [`saved`].
 
@@ -24,7 +24,7 @@ pub use chunk::{Chunk, POINT_BYTES};
 pub use handle::{Ended, Watch, WatchOptions};
 pub use neighbourhood::{Neighbour, Neighbourhood, PairLine, RemoteMap};
 pub use picture::Picture;
-pub use scene::{Agent, Cursor, News, Placed, Scene, Step};
+pub use scene::{Agent, Cursor, Placed, Scene, SceneUpdate, Step};
 pub use station::{CommonMap, StationWatch};
 pub use status::Status;
 

@@ -45,7 +45,7 @@ impl Watch {
         _frame: (u64, f64, f64),
         _latency_ms: Option<f64>,
         _report: FrameReport,
-        _news: (&[MapDelta], &Map),
+        _update: (&[MapDelta], &Map),
         _dropped: u64,
     ) {
     }

@@ -1,4 +1,4 @@
-//! What there is to see, and what of it is news to whom.
+//! What there is to see, and what of it each sink has not seen yet.
 //!
 //! Everything carries the tick of its last change. A sink keeps a [`Cursor`] and takes what is newer: a slow one
 //! misses intermediate states, and nothing is queued for it.
@@ -101,7 +101,7 @@ pub struct Cursor {
 
 /// What a sink has not seen.
 #[derive(Default)]
-pub struct News {
+pub struct SceneUpdate {
     /// Forget everything first; whose keyframes follow, by their names.
     pub reset: Option<Vec<String>>,
     /// The numbers.
@@ -237,7 +237,7 @@ impl Scene {
     }
 
     /// What is new since the last call with this cursor; of the points at most about `point_bytes` at a time.
-    pub fn news(&self, cursor: &mut Cursor, point_bytes: usize) -> News {
+    pub fn update_since(&self, cursor: &mut Cursor, point_bytes: usize) -> SceneUpdate {
         let reset = !cursor.started || cursor.epoch != self.epoch;
         if reset {
             *cursor = Cursor { started: true, epoch: self.epoch, ..Cursor::default() };
@@ -246,7 +246,7 @@ impl Scene {
         let keyframes: Vec<Placed> =
             self.keyframes.values().filter(|entry| entry.moved > since).map(|entry| entry.placed).collect();
         let first = self.trajectory_changes.iter().find(|(tick, _)| *tick > since);
-        let mut news = News {
+        let mut update = SceneUpdate {
             reset: reset.then(|| self.agents.iter().map(|agent| agent.name.clone()).collect()),
             status: (self.status.0 > since || reset).then(|| Arc::clone(&self.status.1)),
             picture: self.picture.1.clone().filter(|_| self.picture.0 > since),
@@ -263,15 +263,15 @@ impl Scene {
                 continue;
             }
             if bytes >= point_bytes {
-                news.more = true;
+                update.more = true;
                 break;
             }
             bytes += chunk.points.len();
             cursor.chunks.insert(*id, *tick);
-            news.chunks.push((entry.placed, Arc::clone(chunk)));
+            update.chunks.push((entry.placed, Arc::clone(chunk)));
         }
         cursor.tick = self.tick;
-        news
+        update
     }
 }
 
@@ -312,10 +312,10 @@ pub(super) mod tests {
     fn a_cursor_gets_everything_once_and_then_only_what_changed() {
         let mut scene = scene(4);
         let mut cursor = Cursor::default();
-        let first = scene.news(&mut cursor, usize::MAX);
+        let first = scene.update_since(&mut cursor, usize::MAX);
         assert_eq!(first.reset, Some(vec!["yard".to_owned()]));
         assert_eq!((first.keyframes.len(), first.chunks.len()), (4, 4));
-        let none = scene.news(&mut cursor, usize::MAX);
+        let none = scene.update_since(&mut cursor, usize::MAX);
         assert!(
             none.reset.is_none()
                 && none.keyframes.is_empty()
@@ -324,12 +324,12 @@ pub(super) mod tests {
         );
         // A closed loop moves two keyframes: poses, no points.
         assert!(scene.place([placed(0, 0.0), placed(1, 1.0), placed(2, 2.5), placed(3, 3.5)]));
-        let moved = scene.news(&mut cursor, usize::MAX);
+        let moved = scene.update_since(&mut cursor, usize::MAX);
         assert_eq!(moved.keyframes.iter().map(|k| k.id).collect::<Vec<_>>(), [2, 3]);
         assert!(moved.chunks.is_empty());
         assert!(!scene.place([placed(2, 2.5)]), "nothing has moved");
         scene.set_chunk(1, chunk());
-        assert_eq!(scene.news(&mut cursor, usize::MAX).chunks[0].0.id, 1);
+        assert_eq!(scene.update_since(&mut cursor, usize::MAX).chunks[0].0.id, 1);
     }
 
     #[test]
@@ -338,10 +338,10 @@ pub(super) mod tests {
         let mut cursor = Cursor::default();
         let mut order = Vec::new();
         loop {
-            let news = scene.news(&mut cursor, 1);
-            assert_eq!(news.chunks.len(), 1);
-            order.extend(news.chunks.iter().map(|(placed, _)| placed.id));
-            if !news.more {
+            let update = scene.update_since(&mut cursor, 1);
+            assert_eq!(update.chunks.len(), 1);
+            order.extend(update.chunks.iter().map(|(placed, _)| placed.id));
+            if !update.more {
                 break;
             }
         }
@@ -353,48 +353,48 @@ pub(super) mod tests {
         let mut scene = Scene::default();
         scene.set_trajectory(0, (0..10).map(step));
         let (mut quick, mut slow) = (Cursor::default(), Cursor::default());
-        scene.news(&mut quick, 0);
-        scene.news(&mut slow, 0);
+        scene.update_since(&mut quick, 0);
+        scene.update_since(&mut slow, 0);
         scene.set_trajectory(4, (4..12).map(step));
         assert_eq!(
-            scene.news(&mut quick, 0).trajectory.map(|(from, steps)| (from, steps.len())),
+            scene.update_since(&mut quick, 0).trajectory.map(|(from, steps)| (from, steps.len())),
             Some((4, 8))
         );
         scene.set_trajectory(11, (11..13).map(step));
         assert_eq!(
-            scene.news(&mut quick, 0).trajectory.map(|(from, steps)| (from, steps.len())),
+            scene.update_since(&mut quick, 0).trajectory.map(|(from, steps)| (from, steps.len())),
             Some((11, 2))
         );
         assert_eq!(
-            scene.news(&mut slow, 0).trajectory.map(|(from, steps)| (from, steps.len())),
+            scene.update_since(&mut slow, 0).trajectory.map(|(from, steps)| (from, steps.len())),
             Some((4, 9))
         );
-        assert!(scene.news(&mut slow, 0).trajectory.is_none());
+        assert!(scene.update_since(&mut slow, 0).trajectory.is_none());
     }
 
     #[test]
     fn a_new_map_is_a_reset() {
         let mut scene = scene(3);
         let mut cursor = Cursor::default();
-        scene.news(&mut cursor, usize::MAX);
+        scene.update_since(&mut cursor, usize::MAX);
         scene.clear();
         scene.place([placed(0, 7.0)]);
-        let news = scene.news(&mut cursor, usize::MAX);
-        assert!(news.reset.is_some() && news.chunks.is_empty());
-        assert_eq!(news.keyframes, [placed(0, 7.0)]);
+        let update = scene.update_since(&mut cursor, usize::MAX);
+        assert!(update.reset.is_some() && update.chunks.is_empty());
+        assert_eq!(update.keyframes, [placed(0, 7.0)]);
     }
 
     #[test]
     fn viewers_get_the_whole_scene_when_others_join() {
         let mut scene = scene(2);
         let mut cursor = Cursor::default();
-        scene.news(&mut cursor, usize::MAX);
+        scene.update_since(&mut cursor, usize::MAX);
         scene.set_agents(scene.agents.clone());
-        assert!(scene.news(&mut cursor, usize::MAX).reset.is_none(), "nobody joined");
+        assert!(scene.update_since(&mut cursor, usize::MAX).reset.is_none(), "nobody joined");
         let other = Agent { name: "lane".into(), ..scene.agents[0].clone() };
         scene.set_agents(vec![scene.agents[0].clone(), other]);
-        let news = scene.news(&mut cursor, usize::MAX);
-        assert_eq!(news.reset, Some(vec!["yard".to_owned(), "lane".to_owned()]));
-        assert_eq!((news.keyframes.len(), news.chunks.len()), (2, 2));
+        let update = scene.update_since(&mut cursor, usize::MAX);
+        assert_eq!(update.reset, Some(vec!["yard".to_owned(), "lane".to_owned()]));
+        assert_eq!((update.keyframes.len(), update.chunks.len()), (2, 2));
     }
 }

@@ -216,7 +216,7 @@ pub(super) fn steps(map: &Map, places: &BTreeMap<AgentId, u16>) -> Vec<Step> {
 #[cfg(test)]
 mod tests {
     use super::super::chunk::tests::{CAMERA, dense};
-    use super::super::scene::{Cursor, News};
+    use super::super::scene::{Cursor, SceneUpdate};
     use super::*;
     use geometry::Sim3;
     use map::{AgentInfo, Uuid};
@@ -252,14 +252,14 @@ mod tests {
             Self { common: CommonMap { shared, root, agents, keyframes }, cursor: Cursor::default() }
         }
 
-        fn shows(&mut self, map: &Map) -> News {
+        fn shows(&mut self, map: &Map) -> SceneUpdate {
             self.common.show(map).expect("a map of cameras");
-            self.common.shared.scene().news(&mut self.cursor, usize::MAX)
+            self.common.shared.scene().update_since(&mut self.cursor, usize::MAX)
         }
     }
 
-    fn placed(news: &News) -> Vec<(u32, u16, f64)> {
-        news.keyframes.iter().map(|k| (k.id, k.agent, k.world_from_keyframe.translation.x)).collect()
+    fn placed(update: &SceneUpdate) -> Vec<(u32, u16, f64)> {
+        update.keyframes.iter().map(|k| (k.id, k.agent, k.world_from_keyframe.translation.x)).collect()
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! One page's WebSocket: what the page says comes in, news goes out, round by round.
+//! One page's WebSocket: what the page says comes in, updates go out, round by round.
 //!
 //! Every round ends with a mark that the page answers once it has taken the round in, and until then nothing more is
 //! sent. So a page that is slow to draw lags one round behind, not as many as the system's buffers hold. Only the end
@@ -14,7 +14,7 @@ use tungstenite::{Error, Message, WebSocket};
 
 /// What pages say is short; nothing longer is read.
 const MAX_MESSAGE: usize = 1024;
-/// How often there is news.
+/// How often updates are sent.
 const ROUND: Duration = Duration::from_millis(40);
 /// The same while more is waiting.
 const BUSY_ROUND: Duration = Duration::from_millis(2);
@@ -27,15 +27,15 @@ const FAREWELL: Duration = Duration::from_secs(2);
 
 /// What one page is told, and who hears what it says.
 pub trait PageSession {
-    /// Whether nothing will be news after the next call of [`news`](Self::news) that leaves nothing over.
+    /// Whether nothing will be new after the next call of [`next_messages`](Self::next_messages) that leaves nothing over.
     fn is_over(&self) -> bool;
     /// What is new since the last call, and whether more of it is waiting.
-    fn news(&mut self) -> (Vec<Message>, bool);
+    fn next_messages(&mut self) -> (Vec<Message>, bool);
     /// Takes what the page says.
     fn hear(&mut self, text: &str);
 }
 
-/// Serves a client until it leaves, is too slow, or there will be no more news and it knows all.
+/// Serves a client until it leaves, is too slow, or nothing more will change and it knows all.
 pub fn serve(stream: TcpStream, session: &mut dyn PageSession) {
     let config = WebSocketConfig::default()
         .max_message_size(Some(MAX_MESSAGE))
@@ -87,13 +87,13 @@ fn talk(socket: &mut WebSocket<TcpStream>, session: &mut dyn PageSession) -> Res
     }
 }
 
-/// Sends a round, if there is news; says whether more is waiting.
+/// Sends a round, if something is new; says whether more is waiting.
 fn tell(
     socket: &mut WebSocket<TcpStream>,
     session: &mut dyn PageSession,
     rounds: &mut Rounds,
 ) -> Result<bool, Error> {
-    let (messages, more) = session.news();
+    let (messages, more) = session.next_messages();
     if messages.is_empty() {
         return Ok(more);
     }

@@ -4,7 +4,7 @@
 
 use super::Message;
 use crate::report::scene::pose_numbers;
-use crate::watch::scene::{News, Placed, Step};
+use crate::watch::scene::{Placed, SceneUpdate, Step};
 use crate::watch::status::Status;
 use crate::watch::{Chunk, Picture};
 use serde_json::json;
@@ -15,25 +15,25 @@ const CHUNK: u32 = 3;
 const PICTURE: u32 = 4;
 const EDGES: u32 = 5;
 
-/// News as messages, in the order in which the page must take them. `level` is up and the mean direction of view.
-pub fn messages(news: &News, level: Option<[[f64; 3]; 2]>) -> Vec<Message> {
+/// An update as messages, in the order in which the page must take them. `level` is up and the mean direction of view.
+pub fn messages(update: &SceneUpdate, level: Option<[[f64; 3]; 2]>) -> Vec<Message> {
     let mut out = Vec::new();
-    if let Some(agents) = &news.reset {
+    if let Some(agents) = &update.reset {
         out.push(text(&json!({ "kind": "reset", "agents": agents })));
     }
     if let Some([up, forward]) = level {
         out.push(text(&json!({ "kind": "level", "up": up, "forward": forward })));
     }
-    if !news.keyframes.is_empty() {
-        out.push(binary(keyframes(&news.keyframes)));
+    if !update.keyframes.is_empty() {
+        out.push(binary(keyframes(&update.keyframes)));
     }
-    if let Some((from, steps)) = &news.trajectory {
+    if let Some((from, steps)) = &update.trajectory {
         out.push(binary(trajectory(*from, steps)));
     }
-    out.extend(news.edges.iter().map(|all| binary(edges(all))));
-    out.extend(news.status.iter().map(|status| text(&status_json(status))));
-    out.extend(news.picture.iter().map(|image| picture(image)));
-    out.extend(news.chunks.iter().map(|(placed, points)| binary(chunk(placed, points))));
+    out.extend(update.edges.iter().map(|all| binary(edges(all))));
+    out.extend(update.status.iter().map(|status| text(&status_json(status))));
+    out.extend(update.picture.iter().map(|image| picture(image)));
+    out.extend(update.chunks.iter().map(|(placed, points)| binary(chunk(placed, points))));
     out
 }
 
@@ -156,8 +156,8 @@ mod tests {
         };
         scene.set_trajectory(0, [step]);
         scene.set_edges(vec![[1, 0, 2]]);
-        let news = scene.news(&mut Cursor::default(), usize::MAX);
-        let sent: Vec<Message> = messages(&news, Some([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]));
+        let update = scene.update_since(&mut Cursor::default(), usize::MAX);
+        let sent: Vec<Message> = messages(&update, Some([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]));
         let texts: Vec<&str> = sent.iter().filter_map(|m| m.to_text().ok().filter(|_| m.is_text())).collect();
         assert!(texts[0].contains("reset") && texts[1].contains("level"), "{texts:?}");
         let binaries: Vec<Vec<u8>> =

@@ -28,14 +28,14 @@ impl PageSession for Audience {
         self.shared.is_over()
     }
 
-    fn news(&mut self) -> (Vec<Message>, bool) {
-        let (news, level) = {
+    fn next_messages(&mut self) -> (Vec<Message>, bool) {
+        let (update, level) = {
             let scene = self.shared.scene();
-            let news = scene.news(&mut self.cursor, POINTS_A_ROUND);
-            let level = (!news.keyframes.is_empty()).then(|| scene.level());
-            (news, level)
+            let update = scene.update_since(&mut self.cursor, POINTS_A_ROUND);
+            let level = (!update.keyframes.is_empty()).then(|| scene.level());
+            (update, level)
         };
-        (encode::messages(&news, level), news.more)
+        (encode::messages(&update, level), update.more)
     }
 
     fn hear(&mut self, text: &str) {

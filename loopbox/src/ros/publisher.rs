@@ -1,6 +1,6 @@
-//! What is said of a run: messages made of news.
+//! What is published of a run: messages made of what is pending.
 
-use super::following::{Depth, News, Tracked};
+use super::following::{Depth, Pending, Tracked};
 use geometry::{Se3, Sim3};
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, SemiDense, Shared};
 use nalgebra::Vector3;
@@ -21,7 +21,7 @@ const KEYFRAME_POINTS: usize = 1 << 14;
 /// Points of the map's cloud at the most, a megabyte, and of each keyframe those that are kept for it.
 const MAP_POINTS: usize = 1 << 16;
 const KEPT_POINTS: usize = 1 << 11;
-/// The map's cloud is said this often while it changes, and this often for those who come late.
+/// The map's cloud is published this often while it changes, and this often for those who come late.
 const CHANGED_INTERVAL: Duration = Duration::from_secs(2);
 const SAME_INTERVAL: Duration = Duration::from_secs(10);
 
@@ -38,12 +38,12 @@ pub struct Published {
     pub map_clouds: u64,
 }
 
-/// Makes messages of news.
+/// Publishes what is pending as messages.
 #[derive(Default)]
-pub(super) struct Sayer {
+pub(super) struct RunPublisher {
     names: Option<Names>,
     odometer: Odometer,
-    keyframes: BTreeMap<KeyframeId, Known>,
+    keyframes: BTreeMap<KeyframeId, PublishedKeyframe>,
     world: usize,
     /// The time of the newest pose, seconds.
     time: f64,
@@ -52,57 +52,57 @@ pub(super) struct Sayer {
     published: Published,
 }
 
-/// What is known of a keyframe.
+/// A keyframe that was published, or is about to be.
 #[derive(Default)]
-struct Known {
+struct PublishedKeyframe {
     world_from_keyframe: Option<Sim3>,
-    /// The depth that was said of it.
+    /// The depth that was published of it.
     published_depth: Option<Shared<SemiDense>>,
     /// An even sample of its points, in its frame and unit, with their intensities.
     sample: Vec<(Vector3<f32>, u8)>,
 }
 
-impl Sayer {
+impl RunPublisher {
     /// What was published so far.
     pub fn published(&self) -> Published {
         self.published
     }
 
-    /// Says what is new.
-    pub fn say(&mut self, mut news: News, outlet: &mut dyn Outlet) {
-        if let Some(about) = &news.about {
+    /// Publishes what is pending.
+    pub fn publish(&mut self, mut pending: Pending, outlet: &mut dyn Outlet) {
+        if let Some(about) = &pending.about {
             self.names = Some(Names::of(&about.name, &about.sensor));
         }
         let Some(names) = self.names.clone() else { return };
-        self.published.dropped += news.dropped;
-        for tracked in &news.poses {
-            self.say_pose(&names, tracked, outlet);
+        self.published.dropped += pending.dropped;
+        for tracked in &pending.poses {
+            self.publish_pose(&names, tracked, outlet);
         }
-        if news.anew {
-            if news.world != self.world {
+        if pending.anew {
+            if pending.world != self.world {
                 self.keyframes.clear();
             }
-            // Those that are left are told again.
-            self.keyframes.retain(|id, _| news.moved.contains_key(id));
+            // Those that are left are published again.
+            self.keyframes.retain(|id, _| pending.moved.contains_key(id));
         }
-        self.world = news.world;
-        self.is_changed |= news.anew || !news.moved.is_empty() || !news.depths.is_empty();
-        for (id, pose) in &news.moved {
+        self.world = pending.world;
+        self.is_changed |= pending.anew || !pending.moved.is_empty() || !pending.depths.is_empty();
+        for (id, pose) in &pending.moved {
             self.keyframes.entry(*id).or_default().world_from_keyframe = Some(*pose);
         }
-        for (id, depth) in std::mem::take(&mut news.depths) {
-            self.say_points(&names, id, depth, outlet);
+        for (id, depth) in std::mem::take(&mut pending.depths) {
+            self.publish_points(&names, id, depth, outlet);
         }
         let interval = if self.is_changed { CHANGED_INTERVAL } else { SAME_INTERVAL };
-        if news.ended
+        if pending.ended
             || self.map_published.is_none_or(|published_depth| published_depth.elapsed() >= interval)
         {
-            self.say_map(&names, outlet);
+            self.publish_map(&names, outlet);
         }
     }
 
-    /// Says where a frame is.
-    fn say_pose(&mut self, names: &Names, tracked: &Tracked, outlet: &mut dyn Outlet) {
+    /// Publishes where a frame is.
+    fn publish_pose(&mut self, names: &Names, tracked: &Tracked, outlet: &mut dyn Outlet) {
         let body = |pose: &Se3| WORLD.pose(Axes::Optical, pose);
         let map_from_body = body(&tracked.world_from_camera);
         let before = tracked.world_from_before.as_ref().map(body);
@@ -119,8 +119,8 @@ impl Sayer {
         self.published.poses += 1;
     }
 
-    /// Says the points of a keyframe whose depth is new.
-    fn say_points(&mut self, names: &Names, id: KeyframeId, depth: Depth, outlet: &mut dyn Outlet) {
+    /// Publishes the points of a keyframe whose depth is new.
+    fn publish_points(&mut self, names: &Names, id: KeyframeId, depth: Depth, outlet: &mut dyn Outlet) {
         let Depth { timestamp, image, semi_dense, camera, shift } = depth;
         let known = self.keyframes.entry(id).or_default();
         let Some(pose) = known.world_from_keyframe else { return };
@@ -142,14 +142,14 @@ impl Sayer {
         self.published.clouds += 1;
     }
 
-    /// Says the points of all keyframes.
-    fn say_map(&mut self, names: &Names, outlet: &mut dyn Outlet) {
+    /// Publishes the points of all keyframes.
+    fn publish_map(&mut self, names: &Names, outlet: &mut dyn Outlet) {
         let count: usize = self.keyframes.values().map(|known| known.sample.len()).sum();
         if count == 0 {
             return;
         }
         let step = count.div_ceil(MAP_POINTS);
-        let of_keyframe = |known: &Known| {
+        let of_keyframe = |known: &PublishedKeyframe| {
             let pose = known.world_from_keyframe?;
             Some(known.sample.iter().step_by(step).map(move |point| in_map(&pose, point)).collect::<Vec<_>>())
         };
