@@ -156,7 +156,7 @@ impl Drop for Process {
     }
 }
 
-fn tell(plan: &Plan, map: &Path, link: [&str; 2]) -> Result<Process> {
+fn publish(plan: &Plan, map: &Path, link: [&str; 2]) -> Result<Process> {
     let mut command = Command::new(plan.loopbox);
     command.arg("fleet").arg(map).args(link).stdout(Stdio::null()).stderr(Stdio::null());
     Ok(Process(command.spawn().context("loopbox cannot be started")?))
@@ -178,7 +178,7 @@ fn meet(plan: &Plan, maps: &[PathBuf; 2], rate: Option<f64>) -> Result<PairTimin
     // What an earlier process said is not what this one says.
     let listening = |status: &Value| status["listening"].as_str().map(str::to_owned);
     let begun = Instant::now();
-    let one = tell(plan, &copies[0], ["--listen", "tcp/127.0.0.1:0"])?;
+    let one = publish(plan, &copies[0], ["--listen", "tcp/127.0.0.1:0"])?;
     let address = loop {
         if let Some(address) = status(&copies[0]).as_ref().and_then(listening) {
             break address;
@@ -186,7 +186,7 @@ fn meet(plan: &Plan, maps: &[PathBuf; 2], rate: Option<f64>) -> Result<PairTimin
         wait(begun, LOOK, "nobody listens")?;
     };
     let proxy = Proxy::start(&address, Link { lost: 0, rate }, 1)?;
-    let other = tell(plan, &copies[1], ["--connect", proxy.address()])?;
+    let other = publish(plan, &copies[1], ["--connect", proxy.address()])?;
     let (found, bytes) = loop {
         let carried = proxy.carried() as f64;
         let accepted = |status: &Value| {

@@ -229,8 +229,8 @@ impl Agent {
         FrameReport { deltas: std::mem::take(&mut self.pending_deltas), claim: self.claim, ..report }
     }
 
-    /// Takes back what a report told that nobody will see: the next one tells it.
-    pub(crate) fn tell_again(&mut self, deltas: Vec<MapDelta>) {
+    /// Takes back the deltas of a report that nobody will see: the next report has them.
+    pub(crate) fn return_deltas(&mut self, deltas: Vec<MapDelta>) {
         self.pending_deltas.splice(0..0, deltas);
     }
 
@@ -435,7 +435,7 @@ impl Agent {
         };
         let index = self.view.push(seeing(keyframe.clone(), &matched));
         let added = vec![publish::keyframe(&self.view, index)];
-        self.say(self.own_delta(MapDelta { added, ..MapDelta::default() }));
+        self.apply_delta(self.own_delta(MapDelta { added, ..MapDelta::default() }));
         self.refer_newest_frame(index, (timestamp, frame_index));
         let id = self.own_id(LocalMap::id(index));
         report.new_keyframe = id;
@@ -455,7 +455,7 @@ impl Agent {
             self.view = LocalMap::new(self.camera);
             let update = mapper.extend(job);
             self.mapper = Some(mapper);
-            self.take_over(tracker, update, &before, report);
+            self.adopt_update(tracker, update, &before, report);
         } else {
             tracker.refer_to(&self.view, index, &self.params);
             if self.threads.is_none() {
@@ -480,11 +480,11 @@ impl Agent {
         let (mapper, update) = pending_mapping.task.join();
         self.mapper = Some(mapper);
         report.adopted = pending_mapping.keyframe;
-        self.take_over(tracker, update, &before, report);
+        self.adopt_update(tracker, update, &before, report);
     }
 
     /// Goes on in the map as it is after an update; `before` tells of the tracker's reference in the map before.
-    fn take_over(
+    fn adopt_update(
         &mut self,
         tracker: &mut Tracker,
         update: Update,
@@ -512,11 +512,11 @@ impl Agent {
         let delta = self.own_delta(update.delta);
         report.settled_keyframes = delta.settled.iter().map(|settled| settled.keyframe).collect();
         report.closed_loop = update.closed_loop.and_then(|closed| self.own_loop(closed));
-        self.say(delta);
+        self.apply_delta(delta);
     }
 
-    /// Changes the map that is handed out, and says so: all is called as there.
-    fn say(&mut self, mut delta: MapDelta) {
+    /// Applies a delta to the map that is handed out, and keeps it for the next report: all is called as there.
+    fn apply_delta(&mut self, mut delta: MapDelta) {
         if delta.is_empty() {
             return;
         }
@@ -565,14 +565,14 @@ impl Agent {
                 self.view = LocalMap::new(self.camera);
                 let (update, closed) = mapper.finish(&self.motions, &self.companions, &self.params, stop);
                 self.mapper = Some(mapper);
-                self.take_over(&mut tracker, update, &before, &mut report);
+                self.adopt_update(&mut tracker, update, &before, &mut report);
                 loops.extend(closed.into_iter().filter_map(|closed| self.own_loop(closed)));
             }
             self.state = State::Running(tracker);
         }
         let (edges, first) = (self.edges(), self.others());
         publish::complete(&mut self.map, &self.view, first, edges.clone());
-        self.say(MapDelta { edges: Some(edges), ..MapDelta::default() });
+        self.apply_delta(MapDelta { edges: Some(edges), ..MapDelta::default() });
         loops
     }
 
@@ -582,7 +582,7 @@ impl Agent {
         let known = self.map.keyframes.get(&keyframe).is_some_and(|known| Arc::ptr_eq(&known.image, image));
         if known {
             let described = vec![Described { keyframe, features }];
-            self.say(MapDelta { described, ..MapDelta::default() });
+            self.apply_delta(MapDelta { described, ..MapDelta::default() });
         }
         known
     }

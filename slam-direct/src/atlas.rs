@@ -198,11 +198,11 @@ impl Atlas {
         // What was found elsewhere is heard first.
         let may_begin = loss.is_evaluated || self.fragments.iter().all(|agent| !agent.is_on_trial());
         if may_begin && of_next.state == TrackingState::Tracking && !next.is_young() {
-            self.fragments[self.active].tell_again(report.deltas);
+            self.fragments[self.active].return_deltas(report.deltas);
             self.begin_fragment(loss);
             return Ok(of_next);
         }
-        next.tell_again(of_next.deltas);
+        next.return_deltas(of_next.deltas);
         self.loss = Some(loss);
         Ok(report)
     }
@@ -231,7 +231,7 @@ impl Atlas {
             return Ok(report);
         }
         let Some(found) = self.search_other_fragments(loss, frame)? else { return Ok(report) };
-        self.fragments[left].tell_again(report.deltas);
+        self.fragments[left].return_deltas(report.deltas);
         Ok(found)
     }
 
@@ -258,7 +258,7 @@ impl Atlas {
         if let Some(answer) = self.recognition.next(frame, self.recognition_lag()) {
             for hypothesis in &answer.hypotheses {
                 let Some(agent) = self.fragments.get_mut(hypothesis.fragment) else { continue };
-                if let Some(found) = agent.take_up(hypothesis, &answer)? {
+                if let Some(found) = agent.adopt_hypothesis(hypothesis, &answer)? {
                     self.activate(hypothesis.fragment);
                     return Ok(Some(found));
                 }

@@ -59,12 +59,12 @@ pub(crate) struct StereoJob {
     /// What of the image moves with the camera: it has no depth.
     mask: Arc<Mask>,
     /// What is known and stays.
-    known: Option<Known>,
+    known: Option<KnownDepth>,
     params: DepthParams,
 }
 
 /// Depths that stay up to a distance from the middle of the image.
-struct Known {
+struct KnownDepth {
     depth: Shared<SemiDense>,
     lens: Lens,
     /// The distance, as a share of the corner's.
@@ -74,7 +74,7 @@ struct Known {
 /// Pixels beyond what stays that depths are computed of as well: they support their neighbours.
 const RIM: f64 = 3.0;
 
-impl Known {
+impl KnownDepth {
     /// Whether a pixel lies nearer to the middle, by so many pixels, than the distance up to which depths stay.
     fn holds(&self, x: usize, y: usize, nearer: f64) -> bool {
         let camera = &self.lens.camera;
@@ -144,7 +144,7 @@ impl StereoJob {
     /// The job of computing the depth again from a distance from the middle on, as a share of the corner's; up to there the
     /// `known` one stays.
     pub fn beyond(self, lens: Lens, distance: f64, known: Shared<SemiDense>) -> Self {
-        Self { known: Some(Known { depth: known, lens, within: distance }), ..self }
+        Self { known: Some(KnownDepth { depth: known, lens, within: distance }), ..self }
     }
 
     /// The keyframe's semi-dense inverse depth, in the keyframe's unit.

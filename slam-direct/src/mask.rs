@@ -123,7 +123,7 @@ struct Edge {
 
 /// What is known of a pixel's edges.
 #[derive(Clone, Copy, Debug, Default)]
-struct Known {
+struct PixelEdges {
     /// Mean direction; zero before there was one.
     direction: [f32; 2],
     /// Frames that showed an edge of this direction, and of another one.
@@ -133,7 +133,7 @@ struct Known {
     turned: u8,
 }
 
-impl Known {
+impl PixelEdges {
     /// Takes an edge in; `shift` is how far the turn since the frame before moves what is far away, pixels.
     #[inline]
     fn see(&mut self, (x, y): (i32, i32), shift: [f32; 2]) {
@@ -181,7 +181,7 @@ fn shifts(rotated_by: Option<UnitQuaternion<f64>>, camera: &Pinhole, level: usiz
 /// Learns from frame to frame what moves with the camera.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MaskLearner {
-    known: Vec<Known>,
+    known: Vec<PixelEdges>,
     /// Edges of each part of the newest frame that counted, some of them.
     edges: Vec<Vec<Edge>>,
     mask: Arc<Mask>,
@@ -241,13 +241,13 @@ impl MaskLearner {
         let image = pyramid.level(level);
         if self.known.len() != image.width() * image.height() {
             let count = image.width() * image.height();
-            let (known, black) = (vec![Known::default(); count], vec![true; count]);
+            let (known, black) = (vec![PixelEdges::default(); count], vec![true; count]);
             let mask = Arc::new(Mask { given: self.mask.given.clone(), ..Mask::default() });
             *self = Self { known, black, mask, ..Self::default() };
         }
         if self.edges.is_empty() || self.has_moved(image) {
             let since = self.rotation.zip(rotation).map(|(before, now)| now * before.inverse());
-            self.take(image, level, &shifts(since, camera, level));
+            self.add(image, level, &shifts(since, camera, level));
             self.rotation = rotation;
         }
         before && !self.mask.covered.is_empty()
@@ -268,7 +268,7 @@ impl MaskLearner {
     }
 
     /// Takes in the edges of a frame of a camera that has moved.
-    fn take(&mut self, image: &GrayImage, level: usize, shifts: &[[f32; 2]]) {
+    fn add(&mut self, image: &GrayImage, level: usize, shifts: &[[f32; 2]]) {
         self.frames += 1;
         self.black.iter_mut().zip(image.data()).for_each(|(black, value)| *black &= *value <= BLACK);
         let (width, mut count) = (image.width(), 0);

@@ -11,7 +11,8 @@ use calib::coach::Coverage;
 use calib::{Board, Calibration, LensModel, SolverParams, calibrate, read_camera};
 use clap::Args;
 use loopbox::calibrating::{
-    Coaching, Collected, Input, Numbers, Output, Seen, Shots, camera_text, collect, render_report, table,
+    Coaching, CollectProgress, Collected, Input, Numbers, Output, Shots, camera_text, collect, render_report,
+    table,
 };
 use sources::SourceOptions;
 use sources::Stop;
@@ -174,8 +175,8 @@ fn collected(
     stop: &Stop,
 ) -> Result<Collected> {
     let mut coach = Coach { quiet: args.quiet, stream: shots.is_stream(), last: Vec::new() };
-    let mut go_on = |seen: &Seen| {
-        coach.tell(seen.given, seen.coverage);
+    let mut go_on = |seen: &CollectProgress| {
+        coach.report(seen.given, seen.coverage);
         coaching.show(seen);
         !stop.requested() && !coaching.has_enough()
     };
@@ -236,7 +237,7 @@ struct Coach {
 }
 
 impl Coach {
-    fn tell(&mut self, given: usize, coverage: &Coverage) {
+    fn report(&mut self, given: usize, coverage: &Coverage) {
         if self.quiet || !std::io::stderr().is_terminal() {
             return;
         }

@@ -2,10 +2,10 @@
 
 use serde_json::{Value, json};
 use sources::camera::format::{FormatRequest, Rates, Sizes, choose};
-use sources::camera::list::{Details, Found, NONE_HINT};
+use sources::camera::list::{Details, FoundCamera, NONE_HINT};
 
 /// For people.
-pub fn as_text(cameras: &[Found]) -> String {
+pub fn as_text(cameras: &[FoundCamera]) -> String {
     if cameras.is_empty() {
         return format!("no cameras\nhint: {NONE_HINT}");
     }
@@ -14,7 +14,7 @@ pub fn as_text(cameras: &[Found]) -> String {
     lines.join("\n")
 }
 
-fn lines_of(found: &Found) -> Vec<String> {
+fn lines_of(found: &FoundCamera) -> Vec<String> {
     let name = format!("{}  {}", found.path.display(), found.name);
     match &found.details {
         Err(reason) => vec![format!("{name}\n  cannot be looked at: {reason}")],
@@ -40,7 +40,7 @@ fn lines_of(found: &Found) -> Vec<String> {
 }
 
 /// The command for the first camera that can be used, with what `--format auto` would take.
-fn how_to_use(found: &Found) -> Option<String> {
+fn how_to_use(found: &FoundCamera) -> Option<String> {
     let choice = choose(&found.details.as_ref().ok()?.formats, &FormatRequest::default())?;
     Some(format!(
         "use: loopbox run --camera {} --size {} --calib camera.yaml --out out/mine",
@@ -50,11 +50,11 @@ fn how_to_use(found: &Found) -> Option<String> {
 }
 
 /// For programs.
-pub fn as_json(cameras: &[Found]) -> Value {
+pub fn as_json(cameras: &[FoundCamera]) -> Value {
     cameras.iter().map(camera).collect()
 }
 
-fn camera(found: &Found) -> Value {
+fn camera(found: &FoundCamera) -> Value {
     let mut value = json!({ "path": found.path, "name": found.name });
     match &found.details {
         Err(reason) => value["error"] = json!(reason),
@@ -99,7 +99,7 @@ mod tests {
     use sources::camera::format::{FormatSizes, PixelFormat, Size};
     use sources::camera::node::Identity;
 
-    fn cameras() -> Vec<Found> {
+    fn cameras() -> Vec<FoundCamera> {
         let sizes = vec![
             (Size::USUAL, Rates::List(vec![30.0, 15.0])),
             (Size { width: 320, height: 240 }, Rates::Unknown),
@@ -111,8 +111,12 @@ mod tests {
             others: vec!["H264".into()],
         };
         vec![
-            Found { path: "/dev/video0".into(), name: "Other".into(), details: Err("no permission".into()) },
-            Found { path: "/dev/video2".into(), name: "Webcam".into(), details: Ok(details) },
+            FoundCamera {
+                path: "/dev/video0".into(),
+                name: "Other".into(),
+                details: Err("no permission".into()),
+            },
+            FoundCamera { path: "/dev/video2".into(), name: "Webcam".into(), details: Ok(details) },
         ]
     }
 

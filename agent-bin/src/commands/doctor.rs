@@ -141,7 +141,7 @@ fn cameras() -> Finding {
     if found.is_empty() {
         return Finding::new("cameras", "none".to_owned()).lacks(list::NONE_HINT);
     }
-    let text = |camera: &list::Found| match &camera.details {
+    let text = |camera: &list::FoundCamera| match &camera.details {
         Ok(_) => format!("{} {}", camera.path.display(), camera.name),
         Err(reason) => format!("{}: {reason}", camera.path.display()),
     };

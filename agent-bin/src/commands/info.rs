@@ -40,9 +40,9 @@ pub fn execute(args: &InfoArgs) -> Result<()> {
     }
     let wanted = ScanArgs { sensor: args.sensor, ..ScanArgs::default() };
     if let Some(scans) = run_scans::open(&args.path, args.topic.as_deref(), &wanted)? {
-        return Survey::of_scans(scans).tell(args.json);
+        return Survey::of_scans(scans).print(args.json);
     }
     let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: false };
     let source = sources::open(&args.path, &options)?;
-    Survey::of_images(source, &args.path, &CameraOptions::default(), None).tell(args.json)
+    Survey::of_images(source, &args.path, &CameraOptions::default(), None).print(args.json)
 }

@@ -202,15 +202,15 @@ pub fn execute(args: &RunArgs) -> Result<()> {
     }
     let found = |source: &Path| run_scans::open(source, args.part.topic.as_deref(), &args.scans).transpose();
     if let Some(scans) = args.source.as_deref().and_then(found).transpose()? {
-        return if args.check { args.tell_of_scans(scans) } else { args.over_scans(scans) };
+        return if args.check { args.print_scans(scans) } else { args.over_scans(scans) };
     }
     usage(args.for_images())?;
     if args.check {
-        return args.tell_of_images();
+        return args.print_images();
     }
     let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
     let mut options = args.options()?;
-    args.take_threads()?;
+    args.start_threads()?;
     let mut source = args.open()?;
     let (progress, fov) = (Console::new(args.display(), None), args.lens.fov);
     match args.recording() {
@@ -297,7 +297,7 @@ impl RunArgs {
             let path = scans.source.info().path.display();
             return usage(Err(anyhow!("{name} is for images, and {path} holds scans of a LiDAR")));
         }
-        self.take_threads()?;
+        self.start_threads()?;
         let stop = stop_on_ctrl_c("stopping: saving what was mapped so far (Ctrl-C again to abort)")?;
         #[cfg_attr(not(feature = "fleet"), expect(unused_mut, reason = "only a fleet listens"))]
         let mut listeners = Listeners::default();
@@ -331,7 +331,7 @@ impl RunArgs {
         self.judge(share)
     }
 
-    fn take_threads(&self) -> Result<()> {
+    fn start_threads(&self) -> Result<()> {
         let Some(threads) = self.threads else { return Ok(()) };
         rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start threads")
     }

@@ -207,7 +207,7 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
         listeners: run.listeners.clone(),
     };
     let console = Console::new(run, source.info().count);
-    let mapped = map_recording(source, options, run.stop, &mut |event| console.tell(event));
+    let mapped = map_recording(source, options, run.stop, &mut |event| console.show(event));
     console.bar.finish_and_clear();
     let Mapped { record, failure } = mapped?;
     if !run.json {
@@ -270,7 +270,7 @@ impl Console {
         Self { bar, json: run.json, skipped: 0.into() }
     }
 
-    fn tell(&self, event: Event<'_>) {
+    fn show(&self, event: Event<'_>) {
         match event {
             Event::Scan { row, map, .. } => {
                 self.bar.set_position(row.index + 1);

@@ -43,7 +43,7 @@ impl Survey {
     ///
     /// # Errors
     /// When it cannot be printed, and why a run would be refused.
-    pub fn tell(&self, json: bool) -> Result<()> {
+    pub fn print(&self, json: bool) -> Result<()> {
         if json {
             console::print_json(self)?
         } else {

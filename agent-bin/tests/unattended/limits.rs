@@ -32,7 +32,7 @@ fn the_oldest_is_deleted_first_and_the_map_in_use_stays() {
     }
     let limit = bytes_in(&case.session(1)) / (1 << 20) + 8;
     let source = fs::read_to_string(case.file()).expect("it is there");
-    case.tell(&format!(
+    case.configure(&format!(
         "{}\n[limits]\ndisk_mib = {limit}\nfree_mib = 1\n",
         source.split_once("json\"\n").expect("our own text").1
     ));

@@ -102,7 +102,7 @@ fn the_map_of_another_camera_stays_and_a_new_one_is_begun() {
     let (_, first) = map_in(&case.session(1));
     let text = fs::read_to_string(case.file()).expect("it is there");
     let source = text.split_once("json\"\n").expect("our own text").1;
-    case.tell(&source.replace("realtime", "calibration = \"other.yaml\"\nrealtime"));
+    case.configure(&source.replace("realtime", "calibration = \"other.yaml\"\nrealtime"));
     let Pinhole { width, height, fx, fy, cx, cy } = Recording::SMALL_CAMERA;
     let (fx, fy) = (1.01 * fx, 1.01 * fy);
     let size = format!("model: pinhole\nwidth: {width}\nheight: {height}\n");

@@ -47,12 +47,12 @@ impl Case {
     pub fn of(source: &str) -> Self {
         let room = tempfile::tempdir().expect("a folder");
         let case = Self { room };
-        case.tell(source);
+        case.configure(source);
         case
     }
 
     /// Writes the agent's file anew.
-    pub fn tell(&self, source: &str) {
+    pub fn configure(&self, source: &str) {
         let text = format!("name = \"tester\"\nout = \"kept\"\nheartbeat = \"heartbeat.json\"\n{source}");
         fs::write(self.file(), text).expect("there is room");
     }

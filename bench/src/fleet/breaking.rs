@@ -96,7 +96,7 @@ impl<'a> Yard<'a> {
 
     /// Has an agent tell its map.
     fn start_agent(&self, agent: usize, address: &str) -> Result<Process> {
-        super::tell(self.plan, &self.agents[agent], ["--connect", address])
+        super::publish(self.plan, &self.agents[agent], ["--connect", address])
     }
 
     /// Links of a bounded rate to the station, one for each agent.

@@ -14,7 +14,7 @@ use std::process::Command;
 use std::time::Instant;
 
 /// Images of a board, and what others found for their camera.
-pub struct Known {
+pub struct KnownCamera {
     /// Folder of the images.
     pub name: &'static str,
     /// The board.
@@ -32,8 +32,8 @@ pub struct Known {
 }
 
 /// The boards that are measured.
-pub const KNOWN: [Known; 2] = [
-    Known {
+pub const KNOWN: [KnownCamera; 2] = [
+    KnownCamera {
         name: "calib_chessboard",
         board: "chessboard:9x6:0.025",
         model: "radtan5",
@@ -53,7 +53,7 @@ pub const KNOWN: [Known; 2] = [
         reached: 2,
         rms: 0.41,
     },
-    Known {
+    KnownCamera {
         name: "calib_aprilgrid",
         board: "aprilgrid:6x6:0.088:0.3",
         model: "radtan",
@@ -76,7 +76,7 @@ pub const KNOWN: [Known; 2] = [
 /// A calibration beside the known result.
 pub struct Calibrated {
     /// What is known.
-    pub known: &'static Known,
+    pub known: &'static KnownCamera,
     /// Parameter by parameter.
     pub parameters: Vec<Parameter>,
     /// Root mean square distance, pixels.
@@ -124,7 +124,7 @@ impl Parameter {
     }
 }
 
-impl Known {
+impl KnownCamera {
     /// Calibrates the images in `folder`.
     ///
     /// # Errors

@@ -1,6 +1,6 @@
 //! The merges whose errors are measured.
 
-use super::maps::{Known, Recording};
+use super::maps::{MapWithTruth, Recording};
 use super::program::{Attempt, Merged, Program};
 use anyhow::Result;
 use measuring::shared::{NEAR, shared_length};
@@ -200,7 +200,8 @@ impl Case {
 
     /// What each two of the recordings share.
     fn common(&self, data: &Path, work: &Path) -> Result<Vec<Common>> {
-        let known = |recording: &Recording| Known::read(recording.sequence, &recording.map(work), data);
+        let known =
+            |recording: &Recording| MapWithTruth::read(recording.sequence, &recording.map(work), data);
         let maps = self.recordings.iter().map(known).collect::<Result<Vec<_>>>()?;
         let paths =
             self.recordings.iter().map(|recording| recording.true_path(data)).collect::<Result<Vec<_>>>()?;

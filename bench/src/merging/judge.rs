@@ -1,6 +1,6 @@
 //! What two maps have in common by the true poses, and whether their merge is right.
 
-use super::maps::Known;
+use super::maps::MapWithTruth;
 use super::program::{Merged, PairResult};
 use super::truth::{Deviation, Side, growth};
 use anyhow::{Context, Result};
@@ -17,7 +17,7 @@ pub const ENOUGH: f64 = 2.0;
 /// A map to merge, whole or a part, and the map with known truth that it comes from.
 pub struct Part<'a> {
     /// What it comes from, whose world and unit are its own.
-    pub known: &'a Known,
+    pub known: &'a MapWithTruth,
     /// The map.
     pub map: &'a Map,
 }

@@ -96,7 +96,7 @@ impl fmt::Display for Recording<'_> {
 }
 
 /// The map of a sequence with what the true poses say of it.
-pub struct Known {
+pub struct MapWithTruth {
     /// Name of the sequence.
     pub sequence: String,
     /// The map.
@@ -109,7 +109,7 @@ pub struct Known {
     pub views: Vec<View>,
 }
 
-impl Known {
+impl MapWithTruth {
     /// Reads the map in the file `path` of a sequence.
     ///
     /// # Errors

@@ -15,7 +15,7 @@ use anyhow::{Result, bail};
 use cases::{CASES, Case, Measured, Numbers};
 pub use cut::moved;
 use judge::{ScoredPair, Verdict};
-use maps::{Known, Recording};
+use maps::{MapWithTruth, Recording};
 pub use program::Program;
 use rescaled::Change;
 use std::path::Path;
@@ -93,7 +93,7 @@ pub fn measure(plan: &Plan) -> Result<Merging> {
         changes.extend(rescaled::measure(case, &program, work)?);
     }
     let (names, files): (Vec<&String>, Vec<_>) = whole.into_iter().unzip();
-    let known = names.iter().zip(&files).map(|(name, file)| Known::read(name, file, plan.data));
+    let known = names.iter().zip(&files).map(|(name, file)| MapWithTruth::read(name, file, plan.data));
     let known = known.collect::<Result<Vec<_>>>()?;
     if known.len() < 2 {
         bail!("merging needs two sequences");

@@ -2,7 +2,7 @@
 
 use super::cut::cut;
 use super::judge::{Part, ScoredPair, Verdict, judge};
-use super::maps::Known;
+use super::maps::MapWithTruth;
 use super::program::{Attempt, Program};
 use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result};
@@ -28,7 +28,7 @@ type Cut = (usize, Range<usize>);
 /// # Errors
 /// When the program fails, or its results cannot be read.
 pub fn all_pairs(
-    known: &[Known],
+    known: &[MapWithTruth],
     maps: &[PathBuf],
     program: &Program,
     work: &Path,
@@ -41,7 +41,7 @@ pub fn all_pairs(
 ///
 /// # Errors
 /// When the program fails, or files cannot be written or read.
-pub fn ends(known: &[Known], program: &Program, work: &Path) -> Result<Vec<ScoredPair>> {
+pub fn ends(known: &[MapWithTruth], program: &Program, work: &Path) -> Result<Vec<ScoredPair>> {
     let mut all = Vec::new();
     for (i, one) in known.iter().enumerate() {
         let count = one.map.keyframes.len();
@@ -60,7 +60,12 @@ pub fn ends(known: &[Known], program: &Program, work: &Path) -> Result<Vec<Score
 ///
 /// # Errors
 /// When the program fails, or files cannot be written or read.
-pub fn random_cuts(known: &[Known], count: usize, program: &Program, work: &Path) -> Result<Vec<ScoredPair>> {
+pub fn random_cuts(
+    known: &[MapWithTruth],
+    count: usize,
+    program: &Program,
+    work: &Path,
+) -> Result<Vec<ScoredPair>> {
     let mut random = Random::new(1);
     let pairs: Vec<[Cut; 2]> =
         (0..count).filter_map(|i| draw(known, &mut random, |cuts| wanted(i, known, cuts))).collect();
@@ -69,7 +74,7 @@ pub fn random_cuts(known: &[Known], count: usize, program: &Program, work: &Path
 }
 
 /// Whether a drawn pair is of the kind that is number `i`'s turn.
-fn wanted(i: usize, known: &[Known], cuts: &[Cut; 2]) -> bool {
+fn wanted(i: usize, known: &[MapWithTruth], cuts: &[Cut; 2]) -> bool {
     let [a, b] = cuts.each_ref().map(|cut| &known[cut.0].sequence);
     match i % 4 {
         0 | 1 => share_world(a, b) && overlap(known, cuts) >= SAME,
@@ -79,14 +84,14 @@ fn wanted(i: usize, known: &[Known], cuts: &[Cut; 2]) -> bool {
 }
 
 /// Draws until a pair is as wanted; nothing when that does not come.
-fn draw(known: &[Known], random: &mut Random, wanted: impl Fn(&[Cut; 2]) -> bool) -> Option<[Cut; 2]> {
+fn draw(known: &[MapWithTruth], random: &mut Random, wanted: impl Fn(&[Cut; 2]) -> bool) -> Option<[Cut; 2]> {
     (0..DRAWS)
         .map(|_| [one(known, random), one(known, random)])
         .find(|cuts| !share_keyframes(cuts) && wanted(cuts))
 }
 
 /// A random cut of a random map.
-fn one(known: &[Known], random: &mut Random) -> Cut {
+fn one(known: &[MapWithTruth], random: &mut Random) -> Cut {
     let map = random.index(known.len());
     let count = known[map].map.keyframes.len();
     let length = (CUT[0] + random.index(CUT[1] - CUT[0] + 1)).min(count);
@@ -100,12 +105,12 @@ fn share_keyframes([a, b]: &[Cut; 2]) -> bool {
 }
 
 /// The largest overlap of two cuts' views, 0–1.
-fn overlap(known: &[Known], [a, b]: &[Cut; 2]) -> f64 {
+fn overlap(known: &[MapWithTruth], [a, b]: &[Cut; 2]) -> f64 {
     let (first, second) = (&known[a.0], &known[b.0]);
     if !share_world(&first.sequence, &second.sequence) {
         return 0.0;
     }
-    let views = |known: &Known, range: &Range<usize>| {
+    let views = |known: &MapWithTruth, range: &Range<usize>| {
         let ids: Vec<_> = known.map.keyframes.keys().skip(range.start).take(range.len()).collect();
         known
             .views
@@ -118,7 +123,12 @@ fn overlap(known: &[Known], [a, b]: &[Cut; 2]) -> f64 {
 }
 
 /// Merges two cuts. What was written goes, unless the merge is wrong: then someone will want to see it.
-fn merged_cuts(known: &[Known], cuts: &[Cut; 2], program: &Program, home: &Path) -> Result<ScoredPair> {
+fn merged_cuts(
+    known: &[MapWithTruth],
+    cuts: &[Cut; 2],
+    program: &Program,
+    home: &Path,
+) -> Result<ScoredPair> {
     let maps: [Map; 2] = cuts.each_ref().map(|(i, range)| cut(&known[*i].map, range.clone()));
     let mut files = Vec::new();
     for (i, map) in maps.iter().enumerate() {

@@ -9,8 +9,8 @@ use place_recog::{DirectIndex, RankParams, Vocabulary, WordBag, shared_features}
 use rayon::prelude::*;
 use std::path::Path;
 
-/// A keyframe with what is known of it.
-pub struct Seen {
+/// A keyframe with its words, features and true view.
+pub struct TrueKeyframe {
     pub id: KeyframeId,
     pub words: WordBag,
     features: Features,
@@ -18,7 +18,7 @@ pub struct Seen {
     view: View,
 }
 
-impl Seen {
+impl TrueKeyframe {
     /// The share, 0–1, of the features of the keyframe that has fewer, that both share.
     pub fn shared(&self, other: &Self) -> f32 {
         let params = RankParams::default();
@@ -32,7 +32,7 @@ impl Seen {
 pub struct Sequence {
     pub name: String,
     /// In order of time; those without a true pose are left out.
-    pub keyframes: Vec<Seen>,
+    pub keyframes: Vec<TrueKeyframe>,
 }
 
 impl Sequence {
@@ -47,10 +47,10 @@ impl Sequence {
             let features = sift(&keyframe.image, &SiftParams::default())?;
             let (direct, words) = DirectIndex::with_words(&features, vocabulary);
             let view = View::new(keyframe, map.camera(keyframe), pose.rigid(), metres);
-            Ok(Some(Seen { id: keyframe.id, words, features, direct, view }))
+            Ok(Some(TrueKeyframe { id: keyframe.id, words, features, direct, view }))
         };
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
-        let seen: Result<Vec<Option<Seen>>> = keyframes.into_par_iter().map(seen).collect();
+        let seen: Result<Vec<Option<TrueKeyframe>>> = keyframes.into_par_iter().map(seen).collect();
         Ok(Self { name: name.to_owned(), keyframes: seen?.into_iter().flatten().collect() })
     }
 

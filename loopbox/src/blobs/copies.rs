@@ -14,14 +14,14 @@ const EXTENSION: &str = ".mcap";
 /// was put anew is another file. Several processes may do so at a time.
 pub(super) struct Copies<'a> {
     cache: PathBuf,
-    tell: &'a dyn Fn(&str),
+    report: &'a dyn Fn(&str),
     /// Those that were asked, by their URIs.
     buckets: BTreeMap<String, BucketBlobs>,
 }
 
 impl<'a> Copies<'a> {
-    pub fn new(tell: &'a dyn Fn(&str)) -> Self {
-        Self { cache: cache(), tell, buckets: BTreeMap::new() }
+    pub fn new(report: &'a dyn Fn(&str)) -> Self {
+        Self { cache: cache(), report, buckets: BTreeMap::new() }
     }
 
     /// The map at a URI, or all under a prefix.
@@ -33,11 +33,11 @@ impl<'a> Copies<'a> {
         if !self.buckets.contains_key(bucket) {
             self.buckets.insert(bucket.to_owned(), BucketBlobs::at(bucket)?);
         }
-        let (blobs, cache, tell) = (&self.buckets[bucket], &self.cache, self.tell);
+        let (blobs, cache, report) = (&self.buckets[bucket], &self.cache, self.report);
         let Some(prefix) = name.strip_suffix('*').filter(|prefix| prefix.is_empty() || prefix.ends_with('/'))
         else {
             let object = if name.ends_with(EXTENSION) { name.to_owned() } else { joined(name, MAP) };
-            let Some(local) = copied(blobs, &object, cache, tell)? else {
+            let Some(local) = copied(blobs, &object, cache, report)? else {
                 bail!(
                     "{}: there is no map\nhint: name a map.mcap, the folder that holds one, or as {bucket}/FOLDER/* all that a folder has",
                     blobs.address(&object)
@@ -47,7 +47,7 @@ impl<'a> Copies<'a> {
         };
         let mut maps = Vec::new();
         for object in maps_among(&blobs.list(prefix)?, prefix) {
-            if let Some(local) = copied(blobs, &object, cache, tell)? {
+            if let Some(local) = copied(blobs, &object, cache, report)? {
                 maps.push(LocalMap { given: blobs.address(&object).into(), local });
             }
         }
@@ -85,7 +85,7 @@ fn maps_among(names: &[String], prefix: &str) -> Vec<String> {
 }
 
 /// The file of an object, which is copied if it is not there; nothing where there is no such object.
-fn copied(blobs: &BucketBlobs, object: &str, cache: &Path, tell: &dyn Fn(&str)) -> Result<Option<PathBuf>> {
+fn copied(blobs: &BucketBlobs, object: &str, cache: &Path, report: &dyn Fn(&str)) -> Result<Option<PathBuf>> {
     let Some(version) = blobs.version(object)? else { return Ok(None) };
     let address = blobs.address(object);
     // Names in buckets are of any kind, and two dots among them are a folder's.
@@ -98,7 +98,7 @@ fn copied(blobs: &BucketBlobs, object: &str, cache: &Path, tell: &dyn Fn(&str)) 
     if file.is_file() {
         return Ok(Some(file));
     }
-    tell(&format!("copying {address}"));
+    report(&format!("copying {address}"));
     let hint = || {
         let folder = folder.display();
         format!(

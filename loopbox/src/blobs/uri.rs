@@ -52,15 +52,15 @@ pub fn open(name: &Path) -> Result<Arc<dyn Blobs>> {
 }
 
 /// The files of maps, each given as a path or a URI: those in buckets are copied once into the user's cache, and found there by what the
-/// server says of their version. `s3://BUCKET/PREFIX/*` stands for all maps under a prefix. `tell` hears what is copied.
+/// server says of their version. `s3://BUCKET/PREFIX/*` stands for all maps under a prefix. `report` gets what is copied.
 ///
 /// # Errors
 /// When there is no map, the bucket cannot be read, or the program was built without buckets.
-pub fn local_maps(maps: &[PathBuf], tell: &dyn Fn(&str)) -> Result<Vec<LocalMap>> {
+pub fn local_maps(maps: &[PathBuf], report: &dyn Fn(&str)) -> Result<Vec<LocalMap>> {
     #[cfg(feature = "object-store")]
-    let mut copies = super::copies::Copies::new(tell);
+    let mut copies = super::copies::Copies::new(report);
     #[cfg(not(feature = "object-store"))]
-    let _ = tell;
+    let _ = report;
     let mut all = Vec::new();
     for given in maps {
         match Place::of(given)? {
@@ -87,16 +87,16 @@ pub struct LocalMap {
 ///
 /// # Errors
 /// As [`local_maps`].
-pub fn local_files(maps: &[PathBuf], tell: &dyn Fn(&str)) -> Result<Vec<PathBuf>> {
-    Ok(local_maps(maps, tell)?.into_iter().map(|map| map.local).collect())
+pub fn local_files(maps: &[PathBuf], report: &dyn Fn(&str)) -> Result<Vec<PathBuf>> {
+    Ok(local_maps(maps, report)?.into_iter().map(|map| map.local).collect())
 }
 
 /// The files of two maps.
 ///
 /// # Errors
 /// As [`local_maps`], and when they are not two: a name may stand for several.
-pub fn local_pair(maps: &[PathBuf; 2], tell: &dyn Fn(&str)) -> Result<[PathBuf; 2]> {
-    let files = local_files(maps, tell)?;
+pub fn local_pair(maps: &[PathBuf; 2], report: &dyn Fn(&str)) -> Result<[PathBuf; 2]> {
+    let files = local_files(maps, report)?;
     files
         .try_into()
         .map_err(|files: Vec<_>| anyhow!("a verdict is on two maps, and these are {}", files.len()))

@@ -1,6 +1,6 @@
 //! Calibration watched: a page with what the camera sees, where the board was seen, and which views are still missing.
 
-use super::collect::{Seen, Shot};
+use super::collect::{CollectProgress, Shot};
 use anyhow::Result;
 use calib::coach::{CELLS, Coverage, ENOUGH_VIEWS};
 use calib::{Board, SolverParams, View};
@@ -139,7 +139,7 @@ impl Coaching {
     }
 
     /// Shows what was seen so far.
-    pub fn show(&self, seen: &Seen) {
+    pub fn show(&self, seen: &CollectProgress) {
         let Some(inner) = &self.0 else { return };
         let Some(shot) = seen.newest else { return };
         let picture = Arc::new(marked(shot, seen));
@@ -236,7 +236,7 @@ impl PageSession for Visitor {
         (messages, false)
     }
 
-    fn hear(&mut self, text: &str) {
+    fn receive(&mut self, text: &str) {
         if let Ok(Command::Finish) = serde_json::from_str(text) {
             self.desk.enough.store(true, Ordering::Relaxed);
         }
@@ -244,7 +244,7 @@ impl PageSession for Visitor {
 }
 
 /// The image with its corners marked by what it is good for.
-fn marked(shot: &Shot, seen: &Seen) -> Picture {
+fn marked(shot: &Shot, seen: &CollectProgress) -> Picture {
     let mut picture = Picture::new(seen.given as u64, 0.0, &shot.image);
     let shrink = picture.width as f64 / shot.image.width().max(1) as f64;
     let place = |v: f64| ((v + 0.5) * shrink - 0.5).round().clamp(0.0, f64::from(u16::MAX)) as u16;

@@ -1,6 +1,6 @@
 //! Watching a calibration, in a program built without it: the same calls, which do nothing.
 
-use super::collect::Seen;
+use super::collect::CollectProgress;
 use anyhow::Result;
 use calib::Board;
 use sources::Stop;
@@ -19,7 +19,7 @@ impl Coaching {
     }
 
     /// Does nothing.
-    pub fn show(&self, _seen: &Seen) {}
+    pub fn show(&self, _seen: &CollectProgress) {}
 
     /// Nobody has.
     pub fn has_enough(&self) -> bool {

@@ -32,8 +32,8 @@ pub struct Shot {
     pub problem: Option<String>,
 }
 
-/// What was seen so far.
-pub struct Seen<'a> {
+/// The images and views so far.
+pub struct CollectProgress<'a> {
     /// Images looked at.
     pub given: usize,
     /// Which parts of the image the views cover.
@@ -77,7 +77,7 @@ pub fn collect(
     shots: &mut Shots,
     board: &Board,
     window: Option<u16>,
-    more: &mut dyn FnMut(&Seen) -> bool,
+    more: &mut dyn FnMut(&CollectProgress) -> bool,
 ) -> Result<Collected> {
     let detector = Detector::new(board, window)?;
     let stream = shots.is_stream();
@@ -115,7 +115,7 @@ pub fn collect(
         seen = coverage(board, &views, size.unwrap_or((1, 1)));
         let newest = passed.as_ref().or(kept.last());
         let kept = passed.is_none() && newest.is_some_and(|shot| shot.problem.is_none());
-        if !more(&Seen { given, coverage: &seen, views: &views, newest, kept })
+        if !more(&CollectProgress { given, coverage: &seen, views: &views, newest, kept })
             || (stream && views.len() >= MAX_VIEWS)
         {
             break;

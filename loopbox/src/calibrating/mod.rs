@@ -13,7 +13,7 @@ mod report;
 mod summary;
 
 pub use coaching::Coaching;
-pub use collect::{Collected, Seen, collect};
+pub use collect::{CollectProgress, Collected, collect};
 pub use in_map::sightings;
 pub use input::{Input, Shots};
 pub use output::{Output, camera_text};

@@ -37,7 +37,7 @@ const GIVE_UP: usize = 3;
 
 /// What became of a scan.
 #[derive(Clone, Copy, Debug)]
-pub struct Taken {
+pub struct MappedScan {
     /// Its pose.
     pub sweep: TrackedSweep,
     /// Whether the map has a keyframe more.
@@ -48,7 +48,7 @@ pub struct Taken {
 
 /// Why a scan has no place in the map.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum NotTaken {
+pub enum NotMapped {
     /// The method needs rings.
     #[error(transparent)]
     NoRings(#[from] NoRings),
@@ -82,25 +82,25 @@ impl Mapper {
         self.ended.push(ended);
     }
 
-    /// Takes the scan number `index` of the recording.
+    /// Adds the scan number `index` of the recording to the map.
     ///
     /// # Errors
-    /// Says why it was not taken; nothing has changed then.
-    pub fn take(&mut self, index: u64, scan: &Scan) -> Result<Taken, NotTaken> {
+    /// Says why it was not added; nothing has changed then.
+    pub fn add_scan(&mut self, index: u64, scan: &Scan) -> Result<MappedScan, NotMapped> {
         if let Some(last) = self.last.filter(|last| scan.stamp <= *last) {
-            return Err(NotTaken::OutOfOrder(scan.stamp, last));
+            return Err(NotMapped::OutOfOrder(scan.stamp, last));
         }
-        let mut taken = self.give(scan)?;
-        if taken.0.lost {
+        let mut tracked = self.track(scan)?;
+        if tracked.0.lost {
             self.lost += 1;
             if self.lost < GIVE_UP {
                 self.last = Some(scan.stamp);
-                return Err(NotTaken::Lost);
+                return Err(NotMapped::Lost);
             }
             self.begin();
-            taken = self.give(scan)?;
+            tracked = self.track(scan)?;
         }
-        let (sweep, closed) = taken;
+        let (sweep, closed) = tracked;
         (self.last, self.lost) = (Some(scan.stamp), 0);
         let fragment = &mut self.fragment;
         // Who made the map follows from the recording, as of a camera's: run again it is the same agent.
@@ -115,17 +115,17 @@ impl Mapper {
             fragment.add_loop(found, &self.params);
         }
         fragment.map.frames.extend(fragment.agent.sweeps().last().map(|tracked| frame(index, tracked)));
-        Ok(Taken { sweep, is_keyframe, closed })
+        Ok(MappedScan { sweep, is_keyframe, closed })
     }
 
-    /// Gives a scan to the agent of the newest fragment.
-    fn give(&mut self, scan: &Scan) -> Result<(TrackedSweep, Option<Loop>), NotTaken> {
+    /// Tracks a scan with the agent of the newest fragment.
+    fn track(&mut self, scan: &Scan) -> Result<(TrackedSweep, Option<Loop>), NotMapped> {
         let agent = &mut self.fragment.agent;
         Ok(match &self.poses {
             None => agent.take(scan)?,
             Some(poses) => {
                 let instants = Sweep::of(scan, self.params.odometry.range).instants;
-                let motion = poses.motion(instants, scan.stamp).ok_or(NotTaken::NoPose(scan.stamp))?;
+                let motion = poses.motion(instants, scan.stamp).ok_or(NotMapped::NoPose(scan.stamp))?;
                 (agent.place(scan, motion), None)
             }
         })

@@ -15,7 +15,7 @@ pub(super) struct Notifier {
 impl Notifier {
     /// The run of this agent begins.
     pub fn begins(listeners: Listeners, about: &AgentInfo) -> Self {
-        listeners.tell(|listener| listener.begins(about));
+        listeners.notify(|listener| listener.begins(about));
         Self { listeners, identity: None, keyframes: 0, sequence: 0 }
     }
 
@@ -41,12 +41,12 @@ impl Notifier {
             ..MapDelta::default()
         };
         (self.keyframes, self.sequence) = (map.keyframes.len(), self.sequence + 1);
-        self.listeners.tell(|listener| listener.changed(identity, vec![delta.clone()]));
+        self.listeners.notify(|listener| listener.changed(identity, vec![delta.clone()]));
     }
 
     /// The run has ended with these maps.
     pub fn ended(&self, maps: &[Map]) {
-        self.listeners.tell(|listener| listener.ended(maps));
+        self.listeners.notify(|listener| listener.ended(maps));
     }
 }
 

@@ -1,6 +1,6 @@
 //! The numbers of a LiDAR agent's run: what `run.json` holds and the report shows.
 
-use super::mapper::Taken;
+use super::mapper::MappedScan;
 use map::{Map, SensorKind};
 use scans::ScanInfo;
 use serde::Serialize;
@@ -270,7 +270,7 @@ pub struct ScanRow {
 
 impl ScanRow {
     /// That of a scan which was taken, with the milliseconds by the clock and of the CPU.
-    pub fn of(index: u64, points: usize, [ms, cpu_ms]: [f64; 2], taken: &Taken) -> Self {
+    pub fn of(index: u64, points: usize, [ms, cpu_ms]: [f64; 2], taken: &MappedScan) -> Self {
         let sweep = &taken.sweep;
         Self {
             index,

@@ -1,7 +1,7 @@
 //! A recording of scans into a map.
 
 use super::fragments::joined;
-use super::mapper::{Mapper, NotTaken};
+use super::mapper::{Mapper, NotMapped};
 use super::outlook::{Ranges, too_far, too_few_scans};
 use super::poses::GivenPoses;
 use super::record::{Cost, FragmentRow, LidarRecord, LoopRow, MapCounts, ScanCounts, ScanRow, SourceRecord};
@@ -100,7 +100,7 @@ pub fn run(
         let far = far.and_then(|scan| too_far(scan, farthest));
         let taken = match far {
             Some(detail) => Err(Skip { reason: "too_few_points", detail }),
-            None => take(&mut mapper, next, &mut scans),
+            None => map_scan(&mut mapper, next, &mut scans),
         };
         let flow = match taken {
             Ok(row) => {
@@ -184,23 +184,23 @@ impl From<ScanError> for Skip {
     }
 }
 
-impl From<NotTaken> for Skip {
-    fn from(error: NotTaken) -> Self {
+impl From<NotMapped> for Skip {
+    fn from(error: NotMapped) -> Self {
         let reason = match error {
-            NotTaken::NoRings(_) => "no_rings",
-            NotTaken::OutOfOrder(..) => "out_of_order",
-            NotTaken::Lost => "lost",
-            NotTaken::NoPose(_) => "no_pose",
+            NotMapped::NoRings(_) => "no_rings",
+            NotMapped::OutOfOrder(..) => "out_of_order",
+            NotMapped::Lost => "lost",
+            NotMapped::NoPose(_) => "no_pose",
         };
         Self { reason, detail: error.to_string() }
     }
 }
 
-/// Gives the agent a scan.
-fn take(mapper: &mut Mapper, next: NextScan, scans: &mut ScanCounts) -> Result<ScanRow, Skip> {
+/// Adds a scan to the map.
+fn map_scan(mapper: &mut Mapper, next: NextScan, scans: &mut ScanCounts) -> Result<ScanRow, Skip> {
     let scan = next.scan?;
     let (begin, cpu) = (Instant::now(), thread_cpu_seconds());
-    let taken = mapper.take(next.index, &scan)?;
+    let taken = mapper.add_scan(next.index, &scan)?;
     let took = [begin.elapsed().as_secs_f64(), thread_cpu_seconds() - cpu].map(|seconds| 1e3 * seconds);
     scans.tracked += 1;
     scans.timed += u64::from(!scan.times.is_empty());

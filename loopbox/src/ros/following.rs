@@ -1,6 +1,6 @@
 //! From the run to the thread that publishes: what is new is left in a slot, and taken when that thread gets to it.
 
-use crate::run::{MapListener, Seen};
+use crate::run::{MapListener, ProcessedFrame};
 use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{AgentInfo, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
@@ -113,7 +113,7 @@ impl Follower {
     }
 
     /// Where the frame is, if it has a pose.
-    fn tracked(&mut self, seen: &Seen<'_>, world: usize) -> Option<Tracked> {
+    fn tracked(&mut self, seen: &ProcessedFrame<'_>, world: usize) -> Option<Tracked> {
         let world_from_camera = seen.world_from_camera?;
         let before = self.before.filter(|(of, _)| *of == world);
         let world_from_before =
@@ -130,10 +130,10 @@ impl MapListener for Follower {
     }
 
     fn changed(&mut self, _: Identity, _: Vec<MapDelta>) {
-        // `looked` says it, and in runs that only localise as well.
+        // `processed` has it, and in runs that only localise as well.
     }
 
-    fn looked(&mut self, seen: &Seen<'_>) {
+    fn processed(&mut self, seen: &ProcessedFrame<'_>) {
         let world = self.world(seen.agent);
         let tracked = self.tracked(seen, world);
         let is_other = self.current != Some(world) || seen.deltas.iter().any(|delta| delta.sequence == 0);

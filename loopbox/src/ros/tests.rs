@@ -3,7 +3,7 @@
 use super::following::Slot;
 use super::publisher::RunPublisher;
 use super::*;
-use crate::run::{MapListener, Seen};
+use crate::run::{MapListener, ProcessedFrame};
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{
     AgentId, AgentInfo, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, Moved, SemiDense, Settled,
@@ -99,7 +99,13 @@ impl Case {
         let world_from_camera =
             last.and_then(|frame| self.map.world_from_frame(frame)).map(|pose| pose.rigid());
         let (agent, map) = (self.agent, &self.map);
-        self.follower.looked(&Seen { agent, timestamp: time, world_from_camera, deltas: &deltas, map });
+        self.follower.processed(&ProcessedFrame {
+            agent,
+            timestamp: time,
+            world_from_camera,
+            deltas: &deltas,
+            map,
+        });
     }
 
     fn publish(&mut self) {

@@ -17,7 +17,7 @@ const NICENESS: i32 = 15;
 
 /// The features found of a keyframe. Keyframes of fragments may be called alike: the image, one in all copies of a map,
 /// says which it is.
-pub struct Found {
+pub struct DescribedKeyframe {
     /// The keyframe.
     pub keyframe: KeyframeId,
     /// Its image.
@@ -29,7 +29,7 @@ pub struct Found {
 /// Finds features of keyframes as these come.
 pub struct Describer {
     images: Option<Sender<(KeyframeId, Arc<GrayImage>)>>,
-    found: Receiver<Found>,
+    described: Receiver<DescribedKeyframe>,
     /// Nobody waits for the thread any more.
     ends: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
@@ -42,7 +42,7 @@ impl Describer {
     /// When the system refuses a thread.
     pub fn start() -> std::io::Result<Self> {
         let (images, waiting) = channel::<(KeyframeId, Arc<GrayImage>)>();
-        let (tell, found) = channel();
+        let (sender, results) = channel();
         let ends = Arc::new(AtomicBool::new(false));
         let ended = Arc::clone(&ends);
         let work = move || {
@@ -52,13 +52,13 @@ impl Describer {
                     return;
                 }
                 let features = described(&image);
-                if tell.send(Found { keyframe, image, features }).is_err() {
+                if sender.send(DescribedKeyframe { keyframe, image, features }).is_err() {
                     return;
                 }
             }
         };
         let thread = std::thread::Builder::new().name("features".into()).spawn(work)?;
-        Ok(Self { images: Some(images), found, ends, thread: Some(thread) })
+        Ok(Self { images: Some(images), described: results, ends, thread: Some(thread) })
     }
 
     /// Asks for the features of a keyframe with depth; later only.
@@ -72,8 +72,8 @@ impl Describer {
     }
 
     /// What was found since the last call.
-    pub fn found(&self) -> impl Iterator<Item = Found> + '_ {
-        self.found.try_iter()
+    pub fn described(&self) -> impl Iterator<Item = DescribedKeyframe> + '_ {
+        self.described.try_iter()
     }
 
     /// Ends the thread, and gives all keyframes with depth their features.
@@ -84,7 +84,7 @@ impl Describer {
             // What it did not find is found now.
             let _ = thread.join();
         }
-        for Found { keyframe, image, features } in self.found.try_iter() {
+        for DescribedKeyframe { keyframe, image, features } in self.described.try_iter() {
             let keyframes = maps.iter_mut().filter_map(|map| map.keyframes.get_mut(&keyframe));
             keyframes
                 .filter(|keyframe| Arc::ptr_eq(&keyframe.image, &image))
@@ -164,7 +164,7 @@ mod tests {
         let mut describer = Describer::start().expect("a thread");
         [0, 1, 2].iter().for_each(|id| describer.ask(&in_background.keyframes[&KeyframeId(*id)]));
         let first = loop {
-            match describer.found().next() {
+            match describer.described().next() {
                 Some(found) => break found,
                 None => std::thread::yield_now(),
             }

@@ -75,8 +75,8 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// Takes in what became of the next frame.
-    pub fn take_in(&mut self, report: &FrameReport, row: &FrameRow, progress: &dyn Progress) {
+    /// Adds what became of the next frame.
+    pub fn add(&mut self, report: &FrameReport, row: &FrameRow, progress: &dyn Progress) {
         let lost = self.was_tracking && report.state == TrackingState::Lost;
         self.was_tracking = report.state == TrackingState::Tracking;
         let at = format!("frame {} at {:.2} s", row.index, row.timestamp);

@@ -1,7 +1,7 @@
 //! The maps that a run made after losses, joined where they show one place: as the maps of several agents are.
 
 use crate::merging::MergingParams;
-use crate::run::{Progress, judging};
+use crate::run::{Progress, surface_judge};
 use map::Map;
 use std::sync::Arc;
 
@@ -42,7 +42,7 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
 fn merging() -> MergingParams {
     let mut params = MergingParams { joint: false, ..MergingParams::default() };
     params.verification.acceptance.min_undecided_change = 0.0;
-    params.further.place.prior = judging::prior();
+    params.further.place.prior = surface_judge::prior();
     params
 }
 

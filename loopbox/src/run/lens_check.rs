@@ -55,28 +55,28 @@ impl LensCheck {
     /// Begins to ask the map.
     pub fn ask(&mut self, map: Map) {
         self.next *= 4;
-        let (given, (tell, texts)) = (self.given.clone(), channel());
-        let work = move || what_is_wrong(&map, &given, &tell);
+        let (given, (sender, texts)) = (self.given.clone(), channel());
+        let work = move || what_is_wrong(&map, &given, &sender);
         let thread = std::thread::Builder::new().name("lens".into()).spawn(work);
         self.thread = thread.ok().map(|thread| (thread, texts));
     }
 
-    /// Tells what came of it, as it is known; `wait` waits for that.
-    pub fn tell(&mut self, progress: &dyn Progress, wait: bool) {
+    /// Reports what came of it, as it is known; `wait` waits for that.
+    pub fn report(&mut self, progress: &dyn Progress, wait: bool) {
         let Some((thread, texts)) = &self.thread else { return };
         let has_ended = thread.is_finished();
-        let mut report = |text: String| {
+        let mut warn = |text: String| {
             progress.warn(&text);
             // Said once, it is said.
             self.next = usize::MAX;
         };
-        texts.try_iter().for_each(&mut report);
+        texts.try_iter().for_each(&mut warn);
         if wait && !has_ended {
             progress.stage("looking whether the calibration is the camera's");
-            texts.iter().for_each(&mut report);
+            texts.iter().for_each(&mut warn);
         }
         if wait || has_ended {
-            // It told all that it has.
+            // It reported all that it has.
             self.thread = None;
         }
     }
@@ -84,11 +84,11 @@ impl LensCheck {
 
 /// What the map says against its lens; and since a map made with a wrong one has lost the observations that contradict it most, what
 /// the first part of the recording says, mapped anew until the lens stays.
-fn what_is_wrong(map: &Map, given: &GivenLens, tell: &Sender<String>) {
+fn what_is_wrong(map: &Map, given: &GivenLens, sender: &Sender<String>) {
     let Ok(Some(by_map)) = other_focal_length(map, &given.lens, HARMLESS) else { return };
     // Nobody listens any more where the run has ended.
     let warn = |found: &SelfCalibration, at_least: &str| {
-        let _ = tell.send(format!(
+        let _ = sender.send(format!(
             "{}\nhint: is the calibration this camera's, at this size and zoom? `loopbox calib` makes one; a recording without any is \
              calibrated from itself",
             describe_error(found, given, at_least)
@@ -101,7 +101,8 @@ fn what_is_wrong(map: &Map, given: &GivenLens, tell: &Sender<String>) {
     let anew = given.first_part.as_ref().and_then(|part| part.lens_from(&by_map.camera));
     match anew.filter(|anew| is_wrong(anew, &given.lens)) {
         Some(anew) if is_sure => {
-            let _ = tell.send(format!("mapped anew with other lenses, {}", describe_error(&anew, given, "")));
+            let _ =
+                sender.send(format!("mapped anew with other lenses, {}", describe_error(&anew, given, "")));
         }
         Some(anew) => warn(&anew, ""),
         None => {}

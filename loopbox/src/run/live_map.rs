@@ -158,7 +158,7 @@ mod tests {
             Self { map, writer: LiveMapWriter::default(), path: path.to_owned(), next_sequence: 0 }
         }
 
-        fn say(&mut self, delta: MapDelta) -> Result<()> {
+        fn apply(&mut self, delta: MapDelta) -> Result<()> {
             let delta = MapDelta { sequence: self.next_sequence, ..delta };
             self.next_sequence += 1;
             self.map.take_in(delta.clone());
@@ -198,7 +198,7 @@ mod tests {
         case.grow(Vec::new()).expect("there is nothing to write");
         assert_eq!(case.size(), 0, "there is no file before there is a map");
         case.add_frame();
-        case.say(added([0, 1])).expect("there is room");
+        case.apply(added([0, 1])).expect("there is room");
         let size = case.size();
         assert!(size > 0);
         for _ in 0..3 {
@@ -211,13 +211,13 @@ mod tests {
             SemiDense { pixel: vec![7].into(), inverse_depth: vec![0.5].into(), variance: vec![0.01].into() };
         let settled =
             vec![Settled { keyframe: KeyframeId(0), semi_dense: semi_dense.into(), points: Vec::new() }];
-        case.say(MapDelta { settled, ..added([2]) }).expect("there is room");
+        case.apply(MapDelta { settled, ..added([2]) }).expect("there is room");
         assert!(map::load_map(&case.path).expect("it loads").map == case.map);
         // The map is given up: another one takes its place.
         (case.map.keyframes, case.map.frames, case.next_sequence) = Default::default();
         case.grow(Vec::new()).expect("there is room");
         case.add_frame();
-        case.say(added([0])).expect("there is room");
+        case.apply(added([0])).expect("there is room");
         assert!(map::load_map(&case.path).expect("it loads").map == case.map);
         case.writer.end().expect("all is written");
     }
@@ -227,7 +227,7 @@ mod tests {
     fn a_file_that_cannot_be_written_is_reported_at_the_next_call() {
         let mut case = Case::new(Path::new("/dev/full"));
         case.add_frame();
-        let error = case.say(added([0])).expect_err("there is no room");
+        let error = case.apply(added([0])).expect_err("there is no room");
         assert!(format!("{error:#}").contains("/dev/full"), "{error:#}");
         assert!(format!("{error:#}").contains("the run was ended"), "{error:#}");
     }

@@ -3,7 +3,7 @@
 use super::diagnosis::{doubtful, too_few_poses};
 use super::lens::{FirstPart, FoundLens, Recording};
 use super::lens_check::GivenLens;
-use super::listening::{Listeners, MapListener};
+use super::listeners::{Listeners, MapListener};
 use super::outlook::expect_found_camera;
 use super::output::{Output, TrajectoryFormat};
 use super::record::{CalibrationRecord, Setup};

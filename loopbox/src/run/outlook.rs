@@ -1,6 +1,6 @@
 //! What can be said of a recording of images before it is run: what it holds, and which calibration a run would use.
 
-use super::looking::Seen;
+use super::frame_survey::FrameSurvey;
 use geometry::{Camera, Distortion, Pinhole};
 use serde::Serialize;
 use sources::correction::{CameraOptions, correction, described};
@@ -105,7 +105,7 @@ impl Outlook {
         if is_calibrated {
             expect_found_camera(source, camera);
         }
-        let seen = Seen::of(source);
+        let seen = FrameSurvey::of(source);
         let mut problems: Vec<String> = seen.problem().into_iter().chain(uncalibrated(&info)).collect();
         let stated = || source.stated_focal(seen.size.unwrap_or_default());
         let lens = match is_calibrated {

@@ -96,7 +96,7 @@ impl Recognise for Recogniser {
             return Vec::new();
         }
         let (index, words) = DirectIndex::with_words(&features, &self.vocabulary);
-        let seen = Seen { features: &features, index: &index, words: &words };
+        let seen = DescribedImage { features: &features, index: &index, words: &words };
         let mut found: Vec<(usize, Hypothesis)> = Vec::new();
         for (&number, fragment) in &self.fragments {
             let poses = views.iter().filter(|view| view.fragment == number);
@@ -108,8 +108,8 @@ impl Recognise for Recogniser {
     }
 }
 
-/// What an image shows.
-struct Seen<'a> {
+/// The features and words of an image.
+struct DescribedImage<'a> {
     features: &'a Features,
     index: &'a DirectIndex,
     words: &'a WordBag,
@@ -120,7 +120,7 @@ impl Fragment {
     fn hypothesis(
         &self,
         fragment: usize,
-        image: &Seen,
+        image: &DescribedImage,
         camera: &Pinhole,
         poses: &BTreeMap<KeyframeId, Sim3>,
     ) -> Option<(usize, Hypothesis)> {

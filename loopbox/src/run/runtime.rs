@@ -6,7 +6,7 @@ use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
-use crate::run::listening::{Listeners, Seen};
+use crate::run::listeners::{Listeners, ProcessedFrame};
 use crate::run::output::Output;
 use crate::run::record::FrameRow;
 use crate::run::resuming::Kept;
@@ -153,7 +153,7 @@ impl<'a> Run<'a> {
                     let deltas = deltas?;
                     progress.lost(ahead.dropped(), ahead.missed());
                     run.describe(&deltas);
-                    run.tell(&deltas);
+                    run.notify_changed(&deltas);
                     output.identify(run.identity_of(run.fragment));
                     if !run.localises()
                         && let Err(error) = output.grow(run.fragment, run.map(), deltas)
@@ -195,11 +195,11 @@ impl<'a> Run<'a> {
             guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
         }
         if let Some(mut check) = run.check.take() {
-            check.tell(progress, true);
+            check.report(progress, true);
             if check.is_due_at_the_end(run.map().keyframes.len(), run.losses.count > 0) && broken.is_none() {
                 check.ask(run.atlas.active().snapshot());
             }
-            check.tell(progress, true);
+            check.report(progress, true);
         }
         let last = run.atlas.take_deltas();
         watch.finished(&last, run.map());
@@ -219,7 +219,7 @@ impl<'a> Run<'a> {
     /// Asks and tells whether the lens is the one of the images, when it is time.
     fn check_lens(&mut self, progress: &dyn Progress) {
         let Some(mut check) = self.check.take() else { return };
-        check.tell(progress, false);
+        check.report(progress, false);
         if check.is_due(self.map().keyframes.len()) {
             check.ask(self.atlas.active().snapshot());
         }
@@ -248,7 +248,7 @@ impl<'a> Run<'a> {
             }
             self.identity = Some(identity);
         }
-        self.take_in_features();
+        self.adopt_features();
         let (index, timestamp) = (frame.index, frame.timestamp);
         let started = Instant::now();
         let mut report = self.atlas.process(frame)?;
@@ -262,13 +262,13 @@ impl<'a> Run<'a> {
         let row = FrameRow { latency_ms, ..FrameRow::new(index, timestamp, ms, &report) };
         self.last_reason = report.reason.or(self.last_reason);
         progress.frame(&row, self.map().keyframes.len(), report.matched_points);
-        self.losses.take_in(&report, &row, progress);
+        self.losses.add(&report, &row, progress);
         let deltas = std::mem::take(&mut report.deltas);
         let map = self.atlas.active().map();
         if let Some(agent) = self.identity_of(self.fragment) {
             let world_from_camera = report.world_from_camera;
-            let seen = Seen { agent, timestamp, world_from_camera, deltas: &deltas, map };
-            self.listeners.tell(|listener| listener.looked(&seen));
+            let frame = ProcessedFrame { agent, timestamp, world_from_camera, deltas: &deltas, map };
+            self.listeners.notify(|listener| listener.processed(&frame));
         }
         watch.after((index, timestamp, row.ms), latency_ms, report, (&deltas, map), dropped);
         self.keep(row);
@@ -302,21 +302,21 @@ impl<'a> Run<'a> {
         keyframes.for_each(|keyframe| describer.ask(keyframe));
     }
 
-    /// Tells who listens what was said of the map. Who only localises has no map of its own to tell of.
-    fn tell(&self, deltas: &[MapDelta]) {
+    /// Notifies the listeners of what changed in the map. Who only localises has no map of its own to tell of.
+    fn notify_changed(&self, deltas: &[MapDelta]) {
         if let Some(identity) = self.identity_of(self.fragment)
             && self.listeners.are_there()
             && !deltas.is_empty()
             && !self.localises()
         {
-            self.listeners.tell(|listener| listener.changed(identity, deltas.to_vec()));
+            self.listeners.notify(|listener| listener.changed(identity, deltas.to_vec()));
         }
     }
 
     /// Gives the agent the features that were found meanwhile.
-    fn take_in_features(&mut self) {
+    fn adopt_features(&mut self) {
         let Self { describer, atlas, .. } = self;
-        let found = describer.iter().flat_map(Describer::found);
+        let found = describer.iter().flat_map(Describer::described);
         found.for_each(|found| atlas.describe(found.keyframe, &found.image, &found.features));
     }
 }

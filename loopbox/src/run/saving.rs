@@ -40,7 +40,7 @@ impl Saver {
         if thread.as_ref().is_some_and(|thread| !thread.is_finished()) {
             return tell("still saving: try again in a moment".into());
         }
-        self.take_in(thread.take());
+        self.join(thread.take());
         let newest = record.rows.last().map_or(0, |row| row.index);
         let target = folder.join(format!("saved-{newest:06}"));
         let (agent, form) = (self.agent.clone(), self.form);
@@ -62,7 +62,7 @@ impl Saver {
     /// # Errors
     /// When saving broke down.
     pub fn end(&self) -> Result<()> {
-        self.take_in(self.thread.borrow_mut().take());
+        self.join(self.thread.borrow_mut().take());
         if self.broke.get() {
             bail!("internal error in saving during the run, please report it");
         }
@@ -70,7 +70,7 @@ impl Saver {
     }
 
     /// Notes how the thread ended.
-    fn take_in(&self, thread: Option<JoinHandle<()>>) {
+    fn join(&self, thread: Option<JoinHandle<()>>) {
         let broke = thread.is_some_and(|thread| thread.join().is_err());
         self.broke.set(self.broke.get() || broke);
     }

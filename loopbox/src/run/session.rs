@@ -4,15 +4,15 @@
 use crate::run::Progress;
 use crate::run::describing::Describer;
 use crate::run::fragments;
-use crate::run::judging::SurfaceJudge;
 use crate::run::lens_check::{GivenLens, LensCheck};
-use crate::run::listening::Listeners;
+use crate::run::listeners::Listeners;
 use crate::run::output::Output;
 use crate::run::recognising::Recogniser;
 use crate::run::record::{RunRecord, Setup};
 use crate::run::resuming::{Kept, places};
 use crate::run::runtime::Run;
 use crate::run::saving::{self, Form, Saver};
+use crate::run::surface_judge::SurfaceJudge;
 use crate::swapping::SwapFiles;
 use anyhow::{Context, Result, anyhow};
 use geometry::Image;
@@ -150,7 +150,7 @@ impl Session<'_> {
         }
         if !run.localises() {
             let own = run.own_maps(&maps);
-            self.listeners.tell(|listener| listener.ended(&own));
+            self.listeners.notify(|listener| listener.ended(&own));
         }
         self.progress.stage("writing the results");
         let written = match maps.first() {

@@ -4,7 +4,7 @@ use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Deserializer};
 use slam_direct::Params;
 use sources::camera::CameraArgs;
-use sources::camera::args::{Lockable, Wanted};
+use sources::camera::args::{Lockable, RequestedFormat};
 use sources::correction::{CameraOptions, DEFAULT_MAX_WIDTH};
 use std::fs;
 use std::net::{IpAddr, Ipv4Addr};
@@ -63,7 +63,7 @@ pub struct CameraConfig {
     pub fps: Option<f64>,
     /// Pixel format.
     #[serde(default, deserialize_with = "from_text")]
-    pub format: Wanted,
+    pub format: RequestedFormat,
     /// What is kept at its value instead of automatic.
     #[serde(default, deserialize_with = "from_texts")]
     pub lock: Vec<Lockable>,

@@ -108,7 +108,7 @@ impl Housekeeping {
         for path in delete {
             let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
             match removed {
-                Ok(()) => self.vitals.tell(&format!("{}: deleted for room on the disk", path.display())),
+                Ok(()) => self.vitals.report(&format!("{}: deleted for room on the disk", path.display())),
                 Err(error) => self.vitals.trouble(&format!("{}: cannot be deleted: {error}", path.display())),
             }
         }
@@ -149,13 +149,13 @@ impl Housekeeping {
         let bytes = button.path().and_then(|path| fs::metadata(path).ok()).map_or(0, |about| about.len());
         if button.is_on() && (!wanted || bytes >= self.file_bytes || button.has_failed()) {
             match button.set(false) {
-                Ok(text) => self.vitals.tell(&text),
+                Ok(text) => self.vitals.report(&text),
                 Err(error) => self.vitals.trouble(&crate::explained(&error)),
             }
         }
         if wanted && !button.is_on() {
             match button.set(true) {
-                Ok(text) => self.vitals.tell(&text),
+                Ok(text) => self.vitals.report(&text),
                 Err(error) => self.vitals.trouble(&crate::explained(&error)),
             }
         }

@@ -17,8 +17,8 @@ impl Manager {
         Self(address.and_then(|address| Some((UnixDatagram::unbound().ok()?, address))))
     }
 
-    /// Tells it; what does not arrive is told again with the next beat.
-    pub fn tell(&self, text: &str) {
+    /// Notifies it; what does not arrive is sent again with the next beat.
+    pub fn notify(&self, text: &str) {
         if let Some((socket, address)) = &self.0 {
             let _ = socket.send_to_addr(text.as_bytes(), address);
         }
@@ -45,12 +45,12 @@ mod tests {
         let room = tempfile::tempdir().expect("a folder");
         let path = room.path().join("notify");
         let receiver = UnixDatagram::bind(&path).expect("a socket");
-        Manager::at(Some(path.into())).tell("READY=1");
+        Manager::at(Some(path.into())).notify("READY=1");
         let mut bytes = [0; 64];
         let count = receiver.recv(&mut bytes).expect("it was sent");
         assert_eq!(&bytes[..count], b"READY=1");
         // Nobody is told nothing.
-        Manager::at(None).tell("READY=1");
-        Manager::at(Some("/nowhere/notify".into())).tell("READY=1");
+        Manager::at(None).notify("READY=1");
+        Manager::at(Some("/nowhere/notify".into())).notify("READY=1");
     }
 }

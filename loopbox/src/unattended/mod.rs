@@ -25,4 +25,4 @@ mod vitals;
 pub use config::AgentConfig;
 pub use heartbeat::{Heartbeat, State};
 pub use supervising::{Over, supervise};
-pub use vitals::Tell;
+pub use vitals::Report;

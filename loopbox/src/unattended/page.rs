@@ -28,7 +28,7 @@ impl Page {
             (beat.healthy, beat.text().unwrap_or_default())
         };
         let server = Server::with_health(address, Box::new(health))?;
-        vitals.tell(&format!("watch at {}", server.url()));
+        vitals.report(&format!("watch at {}", server.url()));
         Ok(Self(Some(server)))
     }
 

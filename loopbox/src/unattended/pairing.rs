@@ -40,7 +40,7 @@ impl Pairing {
         };
         let reporter = Arc::clone(vitals);
         let fleet =
-            Fleet::start(&options, None, move |text| reporter.tell(&format!("fleet: {text}")), Vec::new())?;
+            Fleet::start(&options, None, move |text| reporter.report(&format!("fleet: {text}")), Vec::new())?;
         Ok(Self(Some(fleet)))
     }
 
@@ -48,7 +48,7 @@ impl Pairing {
     ///
     /// # Errors
     /// When a thread cannot be started.
-    pub fn tell_of(&self, run: PreparedRun) -> Result<PreparedRun> {
+    pub fn publish_run(&self, run: PreparedRun) -> Result<PreparedRun> {
         Ok(match &self.0 {
             Some(fleet) => run.with_listener(fleet.publisher()?),
             None => run,
@@ -88,7 +88,7 @@ impl Pairing {
     ///
     /// # Errors
     /// Never.
-    pub fn tell_of(&self, run: PreparedRun) -> Result<PreparedRun> {
+    pub fn publish_run(&self, run: PreparedRun) -> Result<PreparedRun> {
         Ok(run)
     }
 

@@ -60,7 +60,7 @@ impl Pulse {
             is_stopping: false,
             is_dumb: false,
         };
-        beating.manager.tell("READY=1");
+        beating.manager.notify("READY=1");
         let ended = Arc::clone(&ends);
         let work = move || {
             while !ended.load(Ordering::Acquire) {
@@ -94,7 +94,7 @@ impl Beating {
             // Whichever session there is by now.
             self.vitals.end_session(Why::Stop);
             if !std::mem::replace(&mut self.is_stopping, true) {
-                self.manager.tell("STOPPING=1");
+                self.manager.notify("STOPPING=1");
             }
         }
     }
@@ -120,14 +120,14 @@ impl Beating {
             Err(error) if !self.is_dumb => {
                 self.is_dumb = true;
                 self.vitals
-                    .tell(&format!("{}: the heartbeat cannot be written: {error}", self.path.display()));
+                    .report(&format!("{}: the heartbeat cannot be written: {error}", self.path.display()));
             }
             written => self.is_dumb = written.is_err(),
         }
         if is_alive {
             let (state, keyframes) = (beat.state.name(), beat.keyframes);
             self.manager
-                .tell(&format!("WATCHDOG=1\nSTATUS={state}, {rate:.0} frames/s, {keyframes} keyframes"));
+                .notify(&format!("WATCHDOG=1\nSTATUS={state}, {rate:.0} frames/s, {keyframes} keyframes"));
         }
     }
 }

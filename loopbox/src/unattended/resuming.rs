@@ -14,7 +14,7 @@ use std::collections::BTreeSet;
 const FRAMES: usize = 9000;
 
 /// A map to go on in.
-pub struct Found {
+pub struct MapToResume {
     /// The session that made it.
     pub session: Session,
     /// The map.
@@ -23,7 +23,12 @@ pub struct Found {
 
 /// Finds the map to go on in, but not those of the sessions `passed`. One that cannot be read is set aside; one of more than
 /// `most` bytes is left, and a new one begun: a session writes all of the map that it goes on in.
-pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, most: u64, vitals: &Vitals) -> Option<Found> {
+pub fn find_map(
+    sessions: &Sessions,
+    passed: &BTreeSet<u32>,
+    most: u64,
+    vitals: &Vitals,
+) -> Option<MapToResume> {
     let mut history = sessions.history();
     let earlier = sessions.all().into_iter().rev().filter(|session| !passed.contains(&session.number));
     for session in earlier {
@@ -31,7 +36,7 @@ pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, most: u64, vitals: 
             return None;
         }
         if !history.allows(session.number) {
-            vitals.tell(&format!(
+            vitals.report(&format!(
                 "session {}: {} starts read its map and did not come to their first frame; it is left as it is",
                 session.number, history.readings
             ));
@@ -52,7 +57,7 @@ pub fn find_map(sessions: &Sessions, passed: &BTreeSet<u32>, most: u64, vitals: 
                 Ok(opened) if can_be_tracked(&opened.map) => {
                     let opened = Some(Box::new(thinned(opened)));
                     let resume = Resume { map, mode: ResumeMode::Mapping, opened };
-                    return Some(Found { session, resume });
+                    return Some(MapToResume { session, resume });
                 }
                 Ok(_) => {}
                 Err(error) => {

@@ -6,9 +6,9 @@ use super::housekeeping::Housekeeping;
 use super::page::Page;
 use super::pairing::Pairing;
 use super::pulse::Pulse;
-use super::resuming::{Found, find_map};
+use super::resuming::{MapToResume, find_map};
 use super::sessions::{Session, Sessions};
-use super::vitals::{Listening, Tell, Vitals, Why};
+use super::vitals::{Report, SessionProgress, Vitals, Why};
 use crate::explained;
 use crate::open::recording_name;
 use crate::results::is_of_the_disk;
@@ -63,12 +63,12 @@ struct Agent<'a> {
 }
 
 /// Runs an agent that nobody looks after: session after session, each in a folder of its own in `out`, going on in the map
-/// of the one before. `tell` tells people what happens.
+/// of the one before. `report` tells people what happens.
 ///
 /// # Errors
 /// When what the file names is not there or cannot be used; not for what may pass, such as a camera that is unplugged. That
 /// of a recording also when nothing of it could be tracked.
-pub fn supervise(config: &AgentConfig, stop: &Stop, tell: Tell) -> Result<Over> {
+pub fn supervise(config: &AgentConfig, stop: &Stop, report: Report) -> Result<Over> {
     let (camera, params) = (config.camera()?, config.parameters()?);
     let sessions = Arc::new(Sessions::open(&config.out)?);
     let name = config.name.clone().unwrap_or_else(|| match (&config.camera, &config.recording) {
@@ -76,7 +76,7 @@ pub fn supervise(config: &AgentConfig, stop: &Stop, tell: Tell) -> Result<Over> 
         (None, Some(recording)) => recording_name(&recording.path),
         (None, None) => "agent".into(),
     });
-    let vitals = Vitals::new(name.clone(), tell);
+    let vitals = Vitals::new(name.clone(), report);
     let house = Housekeeping::new(config, &sessions, &vitals);
     house.use_only(sessions.newest_with_map());
     house.make_room();
@@ -113,7 +113,7 @@ impl Agent<'_> {
             };
             if self.stop.requested() {
                 if let Err(error) = ended {
-                    self.vitals.tell(&explained(&error));
+                    self.vitals.report(&explained(&error));
                 }
                 return Ok(Over::Stopped);
             }
@@ -163,7 +163,7 @@ impl Agent<'_> {
     /// One session, from a source that is open to a map on the disk.
     fn session(&mut self, source: Box<dyn FrameSource>) -> Result<()> {
         let session = self.sessions.next();
-        let found = self.found_map();
+        let found = self.map_to_resume();
         let continues = found.as_ref().map(|found| found.resume.map.as_path());
         let stop = self.vitals.begin(session.number, &session.folder, continues);
         let before = found.as_ref().map(|found| found.session.folder.clone());
@@ -186,7 +186,7 @@ impl Agent<'_> {
         ended
     }
 
-    fn found_map(&self) -> Option<Found> {
+    fn map_to_resume(&self) -> Option<MapToResume> {
         self.config
             .map
             .resumes
@@ -201,7 +201,7 @@ impl Agent<'_> {
         &self,
         source: Box<dyn FrameSource>,
         session: &Session,
-        found: Option<Found>,
+        found: Option<MapToResume>,
         stop: &Stop,
     ) -> Result<()> {
         let realtime = self.config.recording.as_ref().is_some_and(|recording| recording.realtime);
@@ -218,20 +218,20 @@ impl Agent<'_> {
             ..RunOptions::to(&session.folder)
         };
         let begun = || self.sessions.keep_history(&self.sessions.history().read());
-        let listening = Listening { vitals: &self.vitals, begun: &begun };
+        let progress = SessionProgress { vitals: &self.vitals, begun: &begun };
         if let Some(recording) = &self.config.recording {
             let again = Recording { path: recording.path.clone(), options: SourceOptions::default() };
-            options.without_calibration(source.info(), again, None, stop, &listening)?;
+            options.without_calibration(source.info(), again, None, stop, &progress)?;
         }
         let run = PreparedRun::new(source, options)?;
-        run.problems().iter().for_each(|problem| self.vitals.tell(problem));
-        let run = self.pairing.tell_of(run)?;
+        run.problems().iter().for_each(|problem| self.vitals.report(problem));
+        let run = self.pairing.publish_run(run)?;
         let watched = |about: &_, frames, button| {
             self.vitals.now().button = Some(button);
             self.page.show(about, frames)
         };
-        let mapped = run.go(watched, stop, &listening)?;
-        mapped.apart.iter().for_each(|apart| self.vitals.tell(apart));
+        let mapped = run.go(watched, stop, &progress)?;
+        mapped.apart.iter().for_each(|apart| self.vitals.report(apart));
         match mapped.failure {
             Some(failure) => Err(Error::msg(failure)),
             None => Ok(()),
@@ -249,7 +249,7 @@ impl Agent<'_> {
             self.sessions.keep_history(&self.sessions.history().without_maps_until(session));
         }
         let next = if is_large { "a new map is begun" } else { "the next session goes on in its map" };
-        self.vitals.tell(&format!(
+        self.vitals.report(&format!(
             "memory has come to limits.memory_mib = {limit}: session {session} is saved, {next}"
         ));
         if frames < WENT_WELL {

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 /// Tells people what happens.
-pub type Tell = Arc<dyn Fn(&str) + Send + Sync>;
+pub type Report = Arc<dyn Fn(&str) + Send + Sync>;
 
 /// Why a session is ended before its source ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -55,12 +55,12 @@ pub struct Now {
 pub struct Vitals {
     now: Mutex<Now>,
     started: Instant,
-    tell: Tell,
+    report: Report,
 }
 
 impl Vitals {
     /// An agent of this name that has just started.
-    pub fn new(name: String, tell: Tell) -> Arc<Self> {
+    pub fn new(name: String, report: Report) -> Arc<Self> {
         let now = Now {
             beat: Heartbeat { name, process: std::process::id(), ..Heartbeat::default() },
             last_activity: Instant::now(),
@@ -75,7 +75,7 @@ impl Vitals {
             disk_trouble: None,
             was_tracking: false,
         };
-        Arc::new(Self { now: Mutex::new(now), started: Instant::now(), tell })
+        Arc::new(Self { now: Mutex::new(now), started: Instant::now(), report })
     }
 
     /// What is known now.
@@ -85,13 +85,13 @@ impl Vitals {
     }
 
     /// Tells people.
-    pub fn tell(&self, text: &str) {
-        (self.tell)(text);
+    pub fn report(&self, text: &str) {
+        (self.report)(text);
     }
 
     /// Something went wrong: tells people, and keeps it for the heartbeat.
     pub fn trouble(&self, text: &str) {
-        self.tell(text);
+        self.report(text);
         self.now().beat.last_error = Some(text.to_owned());
     }
 
@@ -168,15 +168,15 @@ impl Now {
     }
 }
 
-/// Takes what a session tells.
-pub struct Listening<'a> {
+/// The progress of a session, for the vitals.
+pub struct SessionProgress<'a> {
     /// Where it is kept.
     pub vitals: &'a Vitals,
     /// Is called with the first frame of the session.
     pub begun: &'a dyn Fn(),
 }
 
-impl Progress for Listening<'_> {
+impl Progress for SessionProgress<'_> {
     fn frame(&self, row: &FrameRow, keyframes: usize, _points: usize) {
         let is_first = {
             let mut now = self.vitals.now();
@@ -215,10 +215,10 @@ impl Progress for Listening<'_> {
                     now.waits_for = None;
                     now.enter(State::Starting);
                 }
-                self.vitals.tell(text);
+                self.vitals.report(text);
             }
             Notice::Warning(text) => self.warn(text),
-            Notice::Note(text) => self.vitals.tell(text),
+            Notice::Note(text) => self.vitals.report(text),
         }
     }
 
@@ -241,7 +241,7 @@ impl Progress for Listening<'_> {
     }
 
     fn note(&self, text: &str) {
-        self.vitals.tell(text);
+        self.vitals.report(text);
     }
 
     fn stage(&self, _text: &str) {
@@ -252,7 +252,7 @@ impl Progress for Listening<'_> {
         let (frames, keyframes) = (&record.frames, record.map.keyframes);
         let (folder, tracked) = (folder.display(), frames.tracked);
         let taken = frames.offered - frames.dropped_late;
-        self.vitals.tell(&format!("{folder}: {tracked} of {taken} frames tracked, {keyframes} keyframes"));
+        self.vitals.report(&format!("{folder}: {tracked} of {taken} frames tracked, {keyframes} keyframes"));
     }
 }
 
@@ -264,17 +264,17 @@ mod tests {
     fn trouble_is_reported_and_forgotten() {
         let vitals = Vitals::new("one".into(), Arc::new(|_| {}));
         let nothing = || {};
-        let listening = Listening { vitals: &vitals, begun: &nothing };
+        let progress = SessionProgress { vitals: &vitals, begun: &nothing };
         assert!(vitals.heartbeat().healthy);
-        listening.notice(&Notice::Gone("the camera was unplugged".into()));
+        progress.notice(&Notice::Gone("the camera was unplugged".into()));
         let beat = vitals.heartbeat();
         assert_eq!((beat.state, beat.healthy), (State::Waiting, false));
         assert_eq!(beat.trouble, ["the camera was unplugged"]);
-        listening.notice(&Notice::Back("the camera is back".into()));
+        progress.notice(&Notice::Back("the camera is back".into()));
         assert!(vitals.heartbeat().healthy);
-        listening.warn_of("disk", "the disk is full");
+        progress.warn_of("disk", "the disk is full");
         assert!(vitals.heartbeat().trouble[0].contains("the disk is full"));
-        listening.note_of("disk", "there is room");
+        progress.note_of("disk", "there is room");
         let beat = vitals.heartbeat();
         assert!(beat.healthy && beat.last_error.as_deref() == Some("the disk is full"));
     }

@@ -24,9 +24,9 @@ pub struct VerdictOptions {
     pub verdicts: Option<PathBuf>,
 }
 
-/// A verdict as it is told.
+/// A verdict, for people and programs.
 #[derive(Clone, Debug)]
-pub struct Found {
+pub struct VerdictReport {
     /// Whether the maps are joined.
     pub joins: bool,
     /// What was decided and by what evidence, for people.
@@ -45,7 +45,7 @@ pub fn find_verdict(
     options: &VerdictOptions,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
-) -> Result<Found> {
+) -> Result<VerdictReport> {
     let folder = options.verdicts.as_deref();
     match sensors_at(maps) {
         Sensors::Cameras => of_cameras(maps, &options.cameras, folder, stop, watcher),
@@ -64,7 +64,7 @@ fn of_cameras(
     folder: Option<&Path>,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
-) -> Result<Found> {
+) -> Result<VerdictReport> {
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(std::env::temp_dir());
     let inputs = merging::load(paths, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
@@ -74,7 +74,7 @@ fn of_cameras(
     let text = pair_results.iter().map(|pair_result| merging::verdict_of(&inputs, pair_result)).collect();
     let records: Vec<_> = pair_results.iter().map(|e| merging::PairRecord::new(e, &inputs)).collect();
     let joins = pair_results.iter().any(|pair_result| pair_result.joined.is_some());
-    Ok(Found { joins, text, pair_results: serde_json::to_value(records)? })
+    Ok(VerdictReport { joins, text, pair_results: serde_json::to_value(records)? })
 }
 
 fn of_lidars(
@@ -83,7 +83,7 @@ fn of_lidars(
     folder: Option<&Path>,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
-) -> Result<Found> {
+) -> Result<VerdictReport> {
     let (inputs, warnings) = lidar::read_inputs(paths, &mut |text| go_on(text, stop, watcher))?;
     warnings.iter().for_each(|warning| watcher.warn(warning));
     let verdicts = LidarVerdicts::of(folder, &inputs, params)?;
@@ -98,7 +98,7 @@ fn of_lidars(
             records.push(lidar::merging::PairRecord::of(&pair, &inputs));
         }
     }
-    Ok(Found { joins, text, pair_results: serde_json::to_value(records)? })
+    Ok(VerdictReport { joins, text, pair_results: serde_json::to_value(records)? })
 }
 
 fn go_on(text: &str, stop: &Stop, watcher: &dyn MergeWatcher) -> Result<()> {

@@ -8,7 +8,7 @@ mod find;
 #[cfg(test)]
 mod tests;
 
-pub use find::{Found, ProposedPair, VerdictOptions, find_verdict, listed_pairs, propose_pairs};
+pub use find::{ProposedPair, VerdictOptions, VerdictReport, find_verdict, listed_pairs, propose_pairs};
 
 use crate::blobs::{self, Blobs};
 use crate::lidar::{self, merging::LidarMergeParams};

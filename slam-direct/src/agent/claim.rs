@@ -44,7 +44,7 @@ pub(super) struct Trial {
     /// Time stamp of its first frame, seconds.
     since: f64,
     /// The frames whose images are kept.
-    seen: Vec<Seen>,
+    seen: Vec<TrialFrame>,
     /// Every how many frames one is kept.
     stride: usize,
     /// All frames.
@@ -55,7 +55,7 @@ pub(super) struct Trial {
 }
 
 /// A frame with its image.
-struct Seen {
+struct TrialFrame {
     pose: FramePose,
     image: Arc<GrayImage>,
     /// In map units a second.
@@ -70,7 +70,7 @@ struct Asked {
 }
 
 /// A frame that was found where a claim has it.
-pub(super) struct Found {
+pub(super) struct FoundFrame {
     pub pose: FramePose,
     pub image: Arc<GrayImage>,
     pub motion: Twist,
@@ -81,10 +81,10 @@ impl Trial {
         Self { since, seen: Vec::new(), stride: 1, poses: Vec::new(), asked: None, evaluated: 0 }
     }
 
-    fn add(&mut self, found: Found) {
-        let Found { pose, image, motion } = found;
+    fn add(&mut self, found: FoundFrame) {
+        let FoundFrame { pose, image, motion } = found;
         if self.poses.len().is_multiple_of(self.stride) {
-            self.seen.push(Seen { pose, image, motion });
+            self.seen.push(TrialFrame { pose, image, motion });
         }
         self.poses.push(pose);
         if self.seen.len() > KEPT {
@@ -102,7 +102,7 @@ impl Trial {
     }
 
     /// The frames that are judged.
-    fn chosen(&self) -> impl Iterator<Item = &Seen> {
+    fn chosen(&self) -> impl Iterator<Item = &TrialFrame> {
         let all = self.seen.len();
         let count = if self.evaluated == 0 { all.min(EVALUATED_POSES) } else { all };
         (0..count).map(move |i| &self.seen[(i * (all - 1)) / (count - 1).max(1)])
@@ -154,7 +154,7 @@ impl Agent {
             let (known, trial_frames) = (self.map.frames.len(), self.accept_claim());
             let report = self.go_on(tracker, located, pyramid, timestamp, frame_index, report);
             // The newest may have become the keyframe that those before it are told by.
-            self.take_in_frames(known, trial_frames);
+            self.insert_frames(known, trial_frames);
             return report;
         }
         tracker.change_reference(&self.view, located, &self.params);
@@ -165,14 +165,14 @@ impl Agent {
             self.state = State::Running(Box::new(tracker.seeking()));
             return FrameReport::other_place();
         }
-        self.put_on_trial([Found { pose, image: pyramid.shared_base(), motion: located.motion }]);
+        self.put_on_trial([FoundFrame { pose, image: pyramid.shared_base(), motion: located.motion }]);
         self.claim = Some(answer.map_or(Claim::Pending, |_| Claim::Undecided));
         self.state = State::Running(tracker);
         FrameReport { adopted: report.adopted, ..FrameReport::on_trial() }
     }
 
     /// Puts frames on trial, and has them judged when there are enough.
-    pub(super) fn put_on_trial(&mut self, found: impl IntoIterator<Item = Found>) {
+    pub(super) fn put_on_trial(&mut self, found: impl IntoIterator<Item = FoundFrame>) {
         let mut found = found.into_iter().peekable();
         let Some(first) = found.peek() else { return };
         let since = first.pose.timestamp;
@@ -210,7 +210,7 @@ impl Agent {
         };
         if is_same {
             let trial_frames = self.accept_claim();
-            self.take_in_frames(self.map.frames.len(), trial_frames);
+            self.insert_frames(self.map.frames.len(), trial_frames);
         }
         self.trial = None;
         is_same
@@ -231,7 +231,7 @@ impl Agent {
     }
 
     /// Takes frames of the working map into the one that is handed out, behind so many that are known.
-    pub(super) fn take_in_frames(&mut self, known: usize, frames: Vec<FramePose>) {
+    pub(super) fn insert_frames(&mut self, known: usize, frames: Vec<FramePose>) {
         let frames: Vec<FramePose> = frames.into_iter().filter_map(|frame| self.own_frame(frame)).collect();
         self.map.frames.splice(known..known, frames);
     }
@@ -245,7 +245,7 @@ impl Agent {
     /// What is on trial, with the keyframes around it; `None` where there is nothing to compare.
     fn claimed_place(&self) -> Option<ClaimedPlace> {
         let trial = self.trial.as_ref()?;
-        let frame = |(number, seen): (usize, &Seen)| {
+        let frame = |(number, seen): (usize, &TrialFrame)| {
             let pose = seen.pose;
             let camera_from_world =
                 self.view.camera_from_world(pose.reference.0 as usize, &pose.keyframe_from_frame);

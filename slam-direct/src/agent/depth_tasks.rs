@@ -89,13 +89,13 @@ impl DepthTasks {
     }
 
     /// Goes on behind the `count` keyframes that came before those of the map that the other was of.
-    pub fn take_in(&mut self, other: Self, count: usize) {
+    pub fn append(&mut self, other: Self, count: usize) {
         self.next = count + other.next;
         self.by.extend(other.by.into_iter().map(|(keyframe, by)| (count + keyframe, by)));
     }
 
-    /// Takes up the depths begun before, waiting for them.
-    pub fn take_up(&mut self) -> impl Iterator<Item = (usize, SemiDense)> + '_ {
+    /// Returns the depths begun before, waiting for them.
+    pub fn finish(&mut self) -> impl Iterator<Item = (usize, SemiDense)> + '_ {
         self.pending.drain(..).map(|(keyframe, depth)| (keyframe, depth.join()))
     }
 }

@@ -101,7 +101,7 @@ impl Agent {
                 None
             }
             SecondLook::Contradicted(started) => {
-                self.give_up();
+                self.abandon_map();
                 self.provisional = Some(start);
                 Some(self.adopt(*started))
             }
@@ -120,7 +120,7 @@ impl Agent {
     fn adopt(&mut self, started: Started) -> FrameReport {
         let Started { map, frames } = started;
         let added = (0..map.keyframes.len()).map(|keyframe| publish::keyframe(&map, keyframe)).collect();
-        self.say(MapDelta { added, ..MapDelta::default() });
+        self.apply_delta(MapDelta { added, ..MapDelta::default() });
         let first = &map.keyframes[0];
         let all =
             [(first.timestamp, first.frame_index, Se3::identity())].into_iter().chain(frames.iter().copied());
@@ -138,7 +138,7 @@ impl Agent {
             let map = LocalMap { mask: Arc::clone(self.learner.mask()), ..map };
             let update = mapper.adopt(map, &self.params);
             self.view = update.view;
-            self.say(update.delta);
+            self.apply_delta(update.delta);
         }
         self.track_early();
         let last = self.view.keyframes[1].camera_from_world;
@@ -218,7 +218,7 @@ impl Agent {
         frame_index: u64,
         why: &'static str,
     ) -> FrameReport {
-        self.give_up();
+        self.abandon_map();
         self.begin(pyramid, timestamp, frame_index, why)
     }
 
@@ -231,7 +231,7 @@ impl Agent {
     }
 
     /// Ends the tracking, waits for what is being mapped, and drops the map.
-    fn give_up(&mut self) {
+    fn abandon_map(&mut self) {
         if let State::Running(mut tracker) = std::mem::replace(&mut self.state, State::Empty) {
             self.adopt_mapping(&mut tracker, &mut FrameReport::of(TrackingState::Tracking));
         }

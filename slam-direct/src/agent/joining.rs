@@ -170,14 +170,14 @@ impl Agent {
         // Where the camera is was decided by joining.
         (self.trial, self.is_unsettled) = (None, false);
         self.view = update.view.clone();
-        self.say(self.own_delta(MapDelta { added, ..MapDelta::default() }));
+        self.apply_delta(self.own_delta(MapDelta { added, ..MapDelta::default() }));
         let frames = other.map.frames.into_iter().filter_map(|frame| {
             self.own_frame(FramePose { reference: LocalMap::id(behind(frame.reference.0 as usize)), ..frame })
         });
         let frames: Vec<FramePose> = frames.collect();
         self.map.frames.extend(frames);
         let mut report = FrameReport::of(TrackingState::Tracking);
-        self.take_over(&mut tracker, update, &before, &mut report);
+        self.adopt_update(&mut tracker, update, &before, &mut report);
         self.state = State::Running(tracker);
     }
 }

@@ -182,8 +182,8 @@ impl Mapper {
         mapping::cull_masked(&mut self.local, keyframe);
         let mut moved = self.map_around(keyframe, &counts, &params);
         moved.extend(self.learn_readout(readout, &params));
-        let settled = self.take_up_depths();
-        let closed_loop = self.take_up_loop(&mut moved, &params);
+        let settled = self.adopt_depths();
+        let closed_loop = self.adopt_loop(&mut moved, &params);
         self.detect_loops(&settled, &params);
         self.depth_tasks.begin(&self.local, &companions, params.mapping.depth_delay, &params.depth);
         self.rest_far(keyframe);
@@ -220,16 +220,16 @@ impl Mapper {
     ) -> (Update, Vec<(KeyframeId, KeyframeId)>) {
         self.learn_motions(motions);
         let mut moved = BTreeSet::new();
-        let mut settled = self.take_up_depths();
-        let mut loops: Vec<_> = self.take_up_loop(&mut moved, params).into_iter().collect();
+        let mut settled = self.adopt_depths();
+        let mut loops: Vec<_> = self.adopt_loop(&mut moved, params).into_iter().collect();
         self.depth_tasks.begin(&self.local, companions, 0, &params.depth);
-        settled.extend(self.take_up_depths());
+        settled.extend(self.adopt_depths());
         for &keyframe in &settled {
             if stop() {
                 break;
             }
             self.detect_loops(&[keyframe], params);
-            loops.extend(self.take_up_loop(&mut moved, params));
+            loops.extend(self.adopt_loop(&mut moved, params));
         }
         if self.local.keyframes.len() > 1 && !stop() {
             let p = &params.mapping;
@@ -246,7 +246,7 @@ impl Mapper {
                 let known = known.semi_dense.clone();
                 self.depth_tasks.begin_again(&self.local, keyframe, known, beyond, &params.depth);
             }
-            settled.extend(self.take_up_depths());
+            settled.extend(self.adopt_depths());
         }
         (self.update(moved, settled, None), loops)
     }
@@ -303,10 +303,10 @@ impl Mapper {
         }
     }
 
-    /// Takes up the depths begun before; gives their keyframes.
-    fn take_up_depths(&mut self) -> Vec<usize> {
+    /// Adopts the depths begun before; gives their keyframes.
+    fn adopt_depths(&mut self) -> Vec<usize> {
         let mut settled = Vec::new();
-        let depths: Vec<_> = self.depth_tasks.take_up().collect();
+        let depths: Vec<_> = self.depth_tasks.finish().collect();
         for (keyframe, depth) in depths {
             if keyframe == self.evaluated && keyframe < PROBATION {
                 self.judge(keyframe, &depth);
@@ -346,8 +346,8 @@ impl Mapper {
         }
     }
 
-    /// Takes up the loop being closed, if there is one.
-    fn take_up_loop(
+    /// Adopts the loop being closed, if there is one.
+    fn adopt_loop(
         &mut self,
         moved: &mut BTreeSet<usize>,
         params: &Params,

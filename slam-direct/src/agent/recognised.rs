@@ -1,6 +1,6 @@
 //! Adopts a pose that was proposed by features.
 
-use super::claim::Found as OnTrial;
+use super::claim::FoundFrame;
 use super::{Agent, AgentError, Frame, FrameReport, State, TrackingState};
 use crate::local_map::LocalMap;
 use crate::recognise::{Answer, Hypothesis, KnownView};
@@ -10,13 +10,13 @@ use geometry::{GrayImage, Pyramid, Se3};
 use map::FramePose;
 
 /// A frame that was found, and how.
-struct Found {
+struct Relocalised {
     tracker: Box<Tracker>,
     located: Located,
     pyramid: Pyramid,
     newest: Frame,
     /// Of the frames before it.
-    before: Vec<OnTrial>,
+    before: Vec<FoundFrame>,
 }
 
 impl Agent {
@@ -48,7 +48,7 @@ impl Agent {
     ///
     /// # Errors
     /// Those of [`process`](Self::process).
-    pub(crate) fn take_up(
+    pub(crate) fn adopt_hypothesis(
         &mut self,
         hypothesis: &Hypothesis,
         answer: &Answer,
@@ -74,17 +74,17 @@ impl Agent {
         self.claim = None;
         let Frame { timestamp, index, .. } = found.newest;
         if is_claim {
-            return Ok(self.take_up_claim(found, (timestamp, index), report));
+            return Ok(self.begin_claim(found, (timestamp, index), report));
         }
         let known = self.map.frames.len();
         let report = self.go_on(found.tracker, &found.located, found.pyramid, timestamp, index, report);
         // The newest may have become the keyframe that those before it are told by.
-        self.take_in_frames(known, found.before.into_iter().map(|frame| frame.pose).collect());
+        self.insert_frames(known, found.before.into_iter().map(|frame| frame.pose).collect());
         Ok(Some(self.with_deltas(report)))
     }
 
     /// The newest frame, tracked from the one that is supposed to be at a place.
-    fn find(&self, hypothesis: &Hypothesis, answer: &Answer) -> Option<Found> {
+    fn find(&self, hypothesis: &Hypothesis, answer: &Answer) -> Option<Relocalised> {
         let reference = hypothesis.keyframe.0 as usize;
         if reference >= self.view.keyframes.len() {
             return None;
@@ -107,11 +107,11 @@ impl Agent {
         // The newest gets its place in the map by going on from it.
         poses.pop();
         let newest = after.last().unwrap_or(frame).clone();
-        Some(Found { tracker, located, pyramid, newest, before: poses })
+        Some(Relocalised { tracker, located, pyramid, newest, before: poses })
     }
 
     /// Poses of the frames before one that was found, as far as the camera can be followed back.
-    fn followed_back(&self, found: &Tracker, frame: &Frame, before: &[Frame]) -> Vec<OnTrial> {
+    fn followed_back(&self, found: &Tracker, frame: &Frame, before: &[Frame]) -> Vec<FoundFrame> {
         let still = Se3::identity();
         let tracker = Tracker::new(&self.view, found.reference, found.last, still, &self.params);
         let mut tracker = tracker.at(frame.timestamp);
@@ -121,14 +121,19 @@ impl Agent {
             let located = tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params)?;
             Some(self.on_trial(frame, &pyramid, &tracker, located.motion))
         };
-        let mut poses: Vec<OnTrial> = before.iter().rev().map_while(follow).collect();
+        let mut poses: Vec<FoundFrame> = before.iter().rev().map_while(follow).collect();
         poses.reverse();
         poses
     }
 
     /// Puts frames that were found while nothing leads to them on trial.
-    fn take_up_claim(&mut self, found: Found, at: (f64, u64), report: FrameReport) -> Option<FrameReport> {
-        let Found { tracker, located, pyramid, before, .. } = found;
+    fn begin_claim(
+        &mut self,
+        found: Relocalised,
+        at: (f64, u64),
+        report: FrameReport,
+    ) -> Option<FrameReport> {
+        let Relocalised { tracker, located, pyramid, before, .. } = found;
         self.trial = None;
         self.put_on_trial(before);
         let report = self.try_claim(tracker, &located, pyramid, at, report);
@@ -136,9 +141,9 @@ impl Agent {
     }
 
     /// A frame with the newest pose of a tracker.
-    fn on_trial(&self, frame: &Frame, pyramid: &Pyramid, tracker: &Tracker, motion: Twist) -> OnTrial {
+    fn on_trial(&self, frame: &Frame, pyramid: &Pyramid, tracker: &Tracker, motion: Twist) -> FoundFrame {
         let pose = self.pose_of((frame.timestamp, frame.index), tracker);
-        OnTrial { pose, image: pyramid.shared_base(), motion }
+        FoundFrame { pose, image: pyramid.shared_base(), motion }
     }
 
     /// The newest pose of a tracker, which is that of a frame of this time and index.

@@ -54,7 +54,7 @@ impl Atlas {
         let left = self.active;
         self.end_joining()?;
         if self.active == left {
-            self.fragments[left].tell_again(report.deltas);
+            self.fragments[left].return_deltas(report.deltas);
         }
         self.fragments[self.active].process(frame)
     }
@@ -67,7 +67,7 @@ impl Atlas {
         }
         let answer = self.recognition.next(frame, self.recognition_lag());
         if let Some(answer) = answer {
-            self.take_in_sightings(&answer);
+            self.add_sightings(&answer);
         }
         if is_keyframe && self.recognition.is_idle() && self.fragment_join.joining.is_none() {
             self.ask(frame, self.active);
@@ -75,7 +75,7 @@ impl Atlas {
     }
 
     /// Looks after what was proposed for a keyframe.
-    fn take_in_sightings(&mut self, answer: &Answer) {
+    fn add_sightings(&mut self, answer: &Answer) {
         let (earlier, rest) = self.fragments.split_at_mut(self.active);
         let Some(active) = rest.first_mut() else { return };
         for hypothesis in &answer.hypotheses {

@@ -233,8 +233,8 @@ impl LoopCloser {
         }
     }
 
-    /// Takes in the loops of a map whose keyframes came behind the `count` of this one. What was being closed is left.
-    pub fn take_in(&mut self, other: Self, count: usize) {
+    /// Appends the loops of a map whose keyframes came behind the `count` of this one. What was being closed is left.
+    pub fn append(&mut self, other: Self, count: usize) {
         let behind = |id: KeyframeId| KeyframeId(id.0 + count as u32);
         let moved = |edge: Edge| Edge { from: behind(edge.from), to: behind(edge.to), ..edge };
         self.closed.extend(other.closed.into_iter().map(moved));

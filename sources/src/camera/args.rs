@@ -23,7 +23,7 @@ pub struct CameraArgs {
         feature = "clap",
         arg(long, value_name = "FORMAT", default_value = "auto", requires = "camera")
     )]
-    pub format: Wanted,
+    pub format: RequestedFormat,
     /// Keep these at their present values instead of automatic, and undo that in the end
     #[cfg_attr(
         feature = "clap",
@@ -40,9 +40,9 @@ pub struct CameraArgs {
 
 /// A pixel format, or the one that suits best.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Wanted(pub Option<PixelFormat>);
+pub struct RequestedFormat(pub Option<PixelFormat>);
 
-impl FromStr for Wanted {
+impl FromStr for RequestedFormat {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
@@ -191,13 +191,13 @@ mod tests {
 
     #[test]
     fn options_are_understood() {
-        assert_eq!("auto".parse(), Ok(Wanted(None)));
-        assert_eq!("yuyv".parse(), Ok(Wanted(Some(PixelFormat::Yuyv))));
-        assert_eq!("Y16".parse(), Ok(Wanted(Some(PixelFormat::Y16))));
-        assert!("H264".parse::<Wanted>().is_err());
+        assert_eq!("auto".parse(), Ok(RequestedFormat(None)));
+        assert_eq!("yuyv".parse(), Ok(RequestedFormat(Some(PixelFormat::Yuyv))));
+        assert_eq!("Y16".parse(), Ok(RequestedFormat(Some(PixelFormat::Y16))));
+        assert!("H264".parse::<RequestedFormat>().is_err());
         assert_eq!("white-balance".parse(), Ok(Lockable::WhiteBalance));
         assert_eq!(("all".parse(), "iris".parse::<Lockable>().is_err()), (Ok(Lockable::All), true));
-        assert!("kitti".parse::<Wanted>().unwrap_err().contains("--trajectory kitti"));
+        assert!("kitti".parse::<RequestedFormat>().unwrap_err().contains("--trajectory kitti"));
         let args = |camera: &str| CameraArgs { camera: Some(camera.into()), ..CameraArgs::default() };
         assert_eq!(args("2").path().unwrap(), PathBuf::from("/dev/video2"));
         assert_eq!(args("/dev/v4l/by-id/x").path().unwrap(), PathBuf::from("/dev/v4l/by-id/x"));

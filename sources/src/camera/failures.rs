@@ -37,7 +37,7 @@ fn cameras_there_are() -> String {
     hint_of(&list::cameras(Path::new("/dev")))
 }
 
-fn hint_of(cameras: &[list::Found]) -> String {
+fn hint_of(cameras: &[list::FoundCamera]) -> String {
     let names: Vec<String> =
         cameras.iter().map(|found| format!("{} ({})", found.path.display(), found.name)).collect();
     match names.as_slice() {
@@ -99,8 +99,11 @@ mod tests {
 
     #[test]
     fn a_missing_device_names_those_there_are() {
-        let found =
-            list::Found { path: "/dev/video2".into(), name: "Webcam".into(), details: Err("busy".into()) };
+        let found = list::FoundCamera {
+            path: "/dev/video2".into(),
+            name: "Webcam".into(),
+            details: Err("busy".into()),
+        };
         assert_eq!(hint_of(&[found]), "hint: cameras here: /dev/video2 (Webcam)");
         assert!(hint_of(&[]).contains("uvcvideo"));
     }

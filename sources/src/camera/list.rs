@@ -11,7 +11,7 @@ pub const NONE_HINT: &str = "no camera is found here: plug one in; in a containe
 
 /// A device that images can be taken from.
 #[derive(Debug)]
-pub struct Found {
+pub struct FoundCamera {
     /// Its node.
     pub path: PathBuf,
     /// Its name, for people.
@@ -43,15 +43,15 @@ pub fn nodes(dev: &Path) -> Vec<PathBuf> {
 }
 
 /// The cameras among the nodes of a folder; outputs and nodes of other kinds are left out.
-pub fn cameras(dev: &Path) -> Vec<Found> {
+pub fn cameras(dev: &Path) -> Vec<FoundCamera> {
     nodes(dev).into_iter().filter_map(look_at).collect()
 }
 
-fn look_at(path: PathBuf) -> Option<Found> {
+fn look_at(path: PathBuf) -> Option<FoundCamera> {
     match details(&path) {
         Ok(Some(details)) => {
             let name = details.identity.card.clone();
-            Some(Found { path, name, details: Ok(details) })
+            Some(FoundCamera { path, name, details: Ok(details) })
         }
         Ok(None) => None,
         Err(error) => match error.raw_os_error() {
@@ -61,9 +61,9 @@ fn look_at(path: PathBuf) -> Option<Found> {
             }
             Some(libc::EACCES | libc::EPERM) => {
                 let reason = "no permission: `sudo usermod -aG video $USER`, then log in again";
-                Some(Found { name: name_in_sys(&path), path, details: Err(reason.into()) })
+                Some(FoundCamera { name: name_in_sys(&path), path, details: Err(reason.into()) })
             }
-            _ => Some(Found { name: name_in_sys(&path), path, details: Err(error.to_string()) }),
+            _ => Some(FoundCamera { name: name_in_sys(&path), path, details: Err(error.to_string()) }),
         },
     }
 }

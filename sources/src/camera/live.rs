@@ -107,7 +107,7 @@ impl Live {
         }
     }
 
-    fn say(&self, notice: Notice) {
+    fn notify(&self, notice: Notice) {
         if let Some(listener) = &self.listener {
             listener(notice);
         }
@@ -147,7 +147,7 @@ impl Live {
         self.device = None;
         let name = self.info.path.display();
         if self.reopen.is_some() {
-            self.say(Notice::Gone(format!("{name}: {reason}; waiting for it to come back (Ctrl-C ends)")));
+            self.notify(Notice::Gone(format!("{name}: {reason}; waiting for it to come back (Ctrl-C ends)")));
         } else {
             self.failure = Some(format!(
                 "{name}: {reason}\nhint: plug it in and run again; with --reconnect the run waits for it and goes on"
@@ -174,7 +174,7 @@ impl Live {
         self.device = Some(opened.device);
         self.gaps.restart();
         self.last_frame = Instant::now();
-        self.say(Notice::Back(format!("the camera is back: {}", opened.description)));
+        self.notify(Notice::Back(format!("the camera is back: {}", opened.description)));
     }
 
     fn sleep(&self) {
@@ -200,7 +200,7 @@ impl FrameSource for Live {
             self.begun = Some(self.last_frame);
         }
         for notice in std::mem::take(&mut self.pending) {
-            self.say(notice);
+            self.notify(notice);
         }
         while !self.ended() && self.failure.is_none() {
             let Some(device) = &mut self.device else {

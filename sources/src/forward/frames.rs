@@ -63,12 +63,12 @@ impl Forward {
         }
         if self.clock.faults().sets > sets && sets == 0 {
             let text = self.clock.faults().of_set().unwrap_or_default();
-            self.say(Notice::Warning(format!("{}: {text}", self.inner.info().path.display())));
+            self.notify(Notice::Warning(format!("{}: {text}", self.inner.info().path.display())));
         }
         frame
     }
 
-    fn say(&self, notice: Notice) {
+    fn notify(&self, notice: Notice) {
         if let Some(listener) = &self.listener {
             listener.lock().unwrap_or_else(PoisonError::into_inner)(notice);
         }

@@ -49,7 +49,7 @@ const EVENTS: [Event; 6] = [Event::Kill, Event::Unplug, Event::Kill, Event::Fill
 
 /// What was found of one kind of event.
 #[derive(Default)]
-struct Found {
+struct EventCounts {
     count: u32,
     /// Seconds until frames were processed again, the longest.
     back: f64,
@@ -61,7 +61,7 @@ struct Found {
 /// What was found of the whole.
 #[derive(Default)]
 struct Trial {
-    found: [Found; 4],
+    found: [EventCounts; 4],
     /// Largest memory and disk, bytes.
     memory: u64,
     disk: u64,
@@ -129,7 +129,7 @@ pub fn run(minutes: f64, rate: f64) -> Result<()> {
     trial.stopping = trial.stopping.max(took);
     player.map(Player::stop).transpose()?;
     let share = (self::idle()? - idle) / began.elapsed().as_secs_f64();
-    trial.tell(began.elapsed(), share / std::thread::available_parallelism()?.get() as f64)
+    trial.report(began.elapsed(), share / std::thread::available_parallelism()?.get() as f64)
 }
 
 /// Seconds that the processors have had nothing to do since the system started, all of them together.
@@ -245,12 +245,12 @@ impl Trial {
         }
     }
 
-    fn tell(mut self, took: Duration, idle: f64) -> Result<()> {
+    fn report(mut self, took: Duration, idle: f64) -> Result<()> {
         let mib = |bytes: u64| bytes >> 20;
         let beat = beat().context("no heartbeat")?;
         println!("{:.0} minutes, idle for {:.0} %:", took.as_secs_f64() / 60.0, 100.0 * idle);
         for event in [Event::Kill, Event::Unplug, Event::Stop, Event::Fill] {
-            let Found { count, back, tracking, slow } = self.found[event as usize];
+            let EventCounts { count, back, tracking, slow } = self.found[event as usize];
             println!(
                 "{event:?}: {count} times, back within {back:.1} s, tracking within {tracking:.1} s ({slow} later than {BACK} s)"
             );

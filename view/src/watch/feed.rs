@@ -206,8 +206,8 @@ mod tests {
             Self { map: Map::new(CAMERA), gatherer: Gatherer::default(), sent: 0 }
         }
 
-        /// A frame, with what is said at it.
-        fn say(&mut self, delta: MapDelta) -> Pending {
+        /// A frame, with what changes at it.
+        fn apply(&mut self, delta: MapDelta) -> Pending {
             let frame_index = self.map.frames.len() as u64;
             self.map.frames.push(FramePose {
                 timestamp: frame_index as f64,
@@ -219,10 +219,10 @@ mod tests {
                 if delta.is_empty() { vec![] } else { vec![MapDelta { sequence: self.sent, ..delta }] };
             self.sent += deltas.len() as u64;
             deltas.iter().for_each(|delta| self.map.take_in(delta.clone()));
-            self.hear(&deltas)
+            self.gather(&deltas)
         }
 
-        fn hear(&mut self, deltas: &[MapDelta]) -> Pending {
+        fn gather(&mut self, deltas: &[MapDelta]) -> Pending {
             let mut pending = Pending::default();
             self.gatherer.gather(deltas, &self.map, &mut pending);
             pending
@@ -246,28 +246,28 @@ mod tests {
     #[test]
     fn deltas_are_forwarded_and_nothing_else() {
         let mut case = Case::new();
-        assert_eq!(announced(&case.say(added([0, 1]))), (vec![0, 1], vec![], 1));
-        assert_eq!(announced(&case.say(MapDelta::default())), (vec![], vec![], 1));
+        assert_eq!(announced(&case.apply(added([0, 1]))), (vec![0, 1], vec![], 1));
+        assert_eq!(announced(&case.apply(MapDelta::default())), (vec![], vec![], 1));
         let mut pose = Sim3::identity();
         pose.scale = 2.0;
         let moved = vec![Moved { keyframe: KeyframeId(0), world_from_keyframe: pose }];
-        let pending = case.say(MapDelta { moved, settled: settled(1), ..added([2]) });
+        let pending = case.apply(MapDelta { moved, settled: settled(1), ..added([2]) });
         assert_eq!(announced(&pending), (vec![0, 2], vec![1], 1));
         assert_eq!(pending.keyframes[&KeyframeId(0)].world_from_keyframe.scale, 2.0);
         assert!(!pending.anew && pending.edges.is_none());
         let edges = Some(Vec::new());
-        assert_eq!(case.say(MapDelta { edges, ..MapDelta::default() }).edges, Some(Vec::new()));
+        assert_eq!(case.apply(MapDelta { edges, ..MapDelta::default() }).edges, Some(Vec::new()));
     }
 
     #[test]
     fn a_late_viewer_or_one_that_loses_a_keyframe_gets_the_whole_map() {
         let mut case = Case::new();
-        case.say(added([0, 1, 2]));
-        case.say(MapDelta { settled: settled(1), ..MapDelta::default() });
+        case.apply(added([0, 1, 2]));
+        case.apply(MapDelta { settled: settled(1), ..MapDelta::default() });
         case.gatherer = Gatherer::default();
-        assert_eq!(announced(&case.hear(&[])), (vec![0, 1, 2], vec![1], 2));
+        assert_eq!(announced(&case.gather(&[])), (vec![0, 1, 2], vec![1], 2));
         let removed = vec![KeyframeId(2)];
-        let pending = case.say(MapDelta { removed, ..MapDelta::default() });
+        let pending = case.apply(MapDelta { removed, ..MapDelta::default() });
         assert!(pending.anew);
         assert_eq!(announced(&pending), (vec![0, 1], vec![1], 3));
     }
@@ -275,10 +275,10 @@ mod tests {
     #[test]
     fn a_map_given_up_is_begun_anew() {
         let mut case = Case::new();
-        case.say(added([0, 1, 2]));
+        case.apply(added([0, 1, 2]));
         (case.map, case.sent) = (Map::new(CAMERA), 0);
-        assert!(case.hear(&[]).anew);
-        let pending = case.say(added([0]));
+        assert!(case.gather(&[]).anew);
+        let pending = case.apply(added([0]));
         assert!(!pending.anew);
         assert_eq!(announced(&pending), (vec![0], vec![], 1));
     }

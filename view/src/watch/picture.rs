@@ -31,7 +31,7 @@ pub struct Picture {
 }
 
 /// A keyframe's points as seen from the live camera.
-pub struct Seen<'a> {
+pub struct VisibleKeyframe<'a> {
     /// The points.
     pub chunk: &'a Chunk,
     /// Where the live camera is relative to them.
@@ -49,10 +49,10 @@ impl Picture {
     }
 
     /// Draws the points of keyframes into it; the colours' range follows that of `before` smoothly.
-    pub fn overlay(&mut self, camera: &Pinhole, seen: &[Seen], before: Option<[f32; 2]>) {
+    pub fn overlay(&mut self, camera: &Pinhole, seen: &[VisibleKeyframe], before: Option<[f32; 2]>) {
         let shrink = self.width as f32 / camera.width.max(1) as f32;
         let mut depths = Vec::with_capacity(MAX_DEPTHS);
-        for Seen { chunk, camera_from_keyframe } in seen {
+        for VisibleKeyframe { chunk, camera_from_keyframe } in seen {
             let project = Projection::new(camera, &chunk.camera, camera_from_keyframe);
             for point in chunk.depths().take(MAX_DEPTHS / seen.len()) {
                 let Some([x, y, d]) = project.point(point) else { continue };
@@ -150,7 +150,7 @@ mod tests {
         let (image, depth) = dense();
         let chunk = Chunk::new(&CAMERA, &image, &depth);
         let mut picture = Picture::new(3, 0.5, &image);
-        let seen = Seen { chunk: &chunk, camera_from_keyframe: Sim3::identity() };
+        let seen = VisibleKeyframe { chunk: &chunk, camera_from_keyframe: Sim3::identity() };
         picture.overlay(&CAMERA, &[seen], None);
         assert_eq!(picture.pixels.len(), chunk.len());
         assert_eq!(picture.codes.len(), chunk.len());
@@ -179,7 +179,7 @@ mod tests {
             nalgebra::Vector3::zeros(),
             1.0,
         );
-        picture.overlay(&CAMERA, &[Seen { chunk: &chunk, camera_from_keyframe: back }], None);
+        picture.overlay(&CAMERA, &[VisibleKeyframe { chunk: &chunk, camera_from_keyframe: back }], None);
         assert!(picture.pixels.is_empty() && picture.codes.is_empty());
     }
 }

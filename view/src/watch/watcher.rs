@@ -3,7 +3,7 @@
 use super::Shared;
 use super::chunk::Chunk;
 use super::feed::{Depth, Pending, Pose};
-use super::picture::{Picture, Seen};
+use super::picture::{Picture, VisibleKeyframe};
 use super::scene::{Placed, Scene, Step};
 use super::status::{Status, state_name};
 use crate::process;
@@ -85,7 +85,7 @@ impl Watcher {
         let steps = self.steps(&mut pending);
         self.loops
             .extend(pending.loops.iter().map(|[newer, older]| [*newer, *older, kind_number(EdgeKind::Loop)]));
-        self.tell(&mut pending);
+        self.update_status(&mut pending);
         let picture = pending.picture.take().map(|live| {
             let mut picture = Picture::new(live.frame_index, live.timestamp, &live.image);
             if let Some(pose) = live.world_from_camera {
@@ -141,7 +141,7 @@ impl Watcher {
     }
 
     /// Brings the numbers up to date.
-    fn tell(&mut self, pending: &mut Pending) {
+    fn update_status(&mut self, pending: &mut Pending) {
         let status = &mut self.status;
         status.processed += pending.taken;
         status.losses += pending.lost;
@@ -208,9 +208,9 @@ impl Watcher {
             .collect();
         near.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
         near.truncate(OVERLAID);
-        let seen: Vec<Seen> = near
+        let seen: Vec<VisibleKeyframe> = near
             .iter()
-            .map(|(_, placed, chunk)| Seen {
+            .map(|(_, placed, chunk)| VisibleKeyframe {
                 chunk,
                 camera_from_keyframe: camera_from_world * placed.world_from_keyframe,
             })

@@ -70,15 +70,15 @@ impl RunArgs {
         Ok(())
     }
 
-    /// Tells what scans a run would be over.
-    pub(super) fn tell_of_scans(&self, scans: OpenScans) -> Result<()> {
-        Survey::of_scans(scans).tell(self.display() == Display::Json)
+    /// Prints what scans a run would be over.
+    pub(super) fn print_scans(&self, scans: OpenScans) -> Result<()> {
+        Survey::of_scans(scans).print(self.display() == Display::Json)
     }
 
-    /// Tells what images a run would be over, and which calibration it would use.
-    pub(super) fn tell_of_images(&self) -> Result<()> {
+    /// Prints what images a run would be over, and which calibration it would use.
+    pub(super) fn print_images(&self) -> Result<()> {
         let path = self.source.as_deref().unwrap_or(Path::new("."));
         let survey = Survey::of_images(self.open()?, path, &self.options()?.camera, self.lens.fov);
-        survey.tell(self.display() == Display::Json)
+        survey.print(self.display() == Display::Json)
     }
 }

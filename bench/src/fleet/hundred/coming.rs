@@ -1,6 +1,6 @@
 //! Agents that come to a station one after the other.
 
-use super::super::{Plan, Process, link_load, status, tell};
+use super::super::{Plan, Process, link_load, publish, status};
 use super::{published::PublishedMap, shares};
 use crate::measure::{finish, make_empty};
 use anyhow::{Context, Result, ensure};
@@ -113,7 +113,7 @@ impl Crowd<'_> {
         } else {
             self.started.insert(&self.maps[number].agent, now.as_secs_f64());
         }
-        self.agents.push(tell(self.plan, home, ["--connect", &address])?);
+        self.agents.push(publish(self.plan, home, ["--connect", &address])?);
         Ok(())
     }
 

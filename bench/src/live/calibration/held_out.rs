@@ -1,6 +1,6 @@
 //! How well a calibration fits images that it was not made from.
 
-use super::Known;
+use super::KnownCamera;
 use crate::measure::{Runner, finish};
 use anyhow::{Context, Result, bail};
 use geometry::Pinhole;
@@ -26,7 +26,7 @@ pub struct HeldOut {
     pub known: Option<Misfit>,
 }
 
-impl Known {
+impl KnownCamera {
     /// Calibrates every other image, checks that on the rest, and the other way round.
     pub(super) fn held_out(&self, runner: &Runner, folder: &Path, size: [usize; 2]) -> Result<HeldOut> {
         let images = images(folder)?;

@@ -36,7 +36,7 @@ impl RunOptions {
             sidecar_calibrations(source).iter().for_each(|text| progress.warn(text));
         }
         let lens = find_lens(&recording, fov, self, stop, progress)?;
-        self.take_lens(source, lens, progress);
+        self.set_lens(source, lens, progress);
         Ok(())
     }
 
@@ -57,12 +57,12 @@ impl RunOptions {
         }
         let lens = find_live_lens(source, fov, self, stop, progress)?;
         let info = source.info().clone();
-        self.take_lens(&info, lens, progress);
+        self.set_lens(&info, lens, progress);
         Ok(())
     }
 
-    /// Takes a lens that was found, and says what it is.
-    fn take_lens(&mut self, source: &SourceInfo, lens: FoundLens, progress: &dyn Progress) {
+    /// Sets a lens that was found, and says what it is.
+    fn set_lens(&mut self, source: &SourceInfo, lens: FoundLens, progress: &dyn Progress) {
         let message = format!("{}: {}", source.path.display(), lens.text());
         if lens.is_determined() {
             progress.note(&message)

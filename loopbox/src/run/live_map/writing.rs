@@ -62,7 +62,7 @@ impl Writing {
         }
         // The last chance: what was spared may be enough.
         while let Some(message) = self.pending.pop_front() {
-            self.take(message)?;
+            self.write(message)?;
         }
         self.waits_for_room.store(false, Ordering::Relaxed);
         self.growths.values_mut().try_for_each(|growth| {
@@ -83,7 +83,7 @@ impl Writing {
     fn write_what_has_room(&mut self) -> Result<()> {
         while let Some(mut message) = self.pending.pop_front() {
             if !self.waits {
-                self.take(message)?;
+                self.write(message)?;
                 continue;
             }
             let piece = message.split_off();
@@ -94,10 +94,10 @@ impl Writing {
             }
             match piece {
                 Some(piece) => {
-                    self.take(piece)?;
+                    self.write(piece)?;
                     self.pending.push_front(message);
                 }
-                None => self.take(message)?,
+                None => self.write(message)?,
             }
         }
         self.waits_for_room.store(!self.pending.is_empty(), Ordering::Relaxed);
@@ -119,14 +119,14 @@ impl Writing {
         free.is_none_or(|free| free >= bytes + SPARE)
     }
 
-    fn take(&mut self, message: Message) -> Result<()> {
+    fn write(&mut self, message: Message) -> Result<()> {
         match message {
             Message::Begin(fragment, path, about) => {
                 self.growths.insert(fragment, Growth::begin(path, &about)?);
             }
             Message::Grown(fragment, deltas, frames) => {
                 if let Some(growth) = self.growths.get_mut(&fragment) {
-                    growth.take_in(&deltas, frames)?;
+                    growth.grow(&deltas, frames)?;
                 }
             }
             Message::Piece(fragment, deltas, _) => {
@@ -209,7 +209,7 @@ impl Growth {
         Ok(Self { writer, path, is_placed: !is_file, is_file, frames, flushed, unsynced_since: None })
     }
 
-    fn take_in(&mut self, deltas: &[MapDelta], frames: Vec<FramePose>) -> Result<()> {
+    fn grow(&mut self, deltas: &[MapDelta], frames: Vec<FramePose>) -> Result<()> {
         self.frames.extend(frames);
         self.append(deltas)?;
         if !deltas.is_empty() || self.flushed.elapsed() >= FLUSH_INTERVAL { self.flush() } else { Ok(()) }

@@ -62,11 +62,11 @@ impl Mapper {
         }
         self.local = local;
         // The last of its own keyframes have all the neighbours that they will have.
-        let mut settled = self.take_up_depths();
+        let mut settled = self.adopt_depths();
         let behind = self.local.keyframes.len() - count;
         self.depth_tasks.begin(&self.local, companions, behind, &params.depth);
-        settled.extend(self.take_up_depths());
-        let of_other = other.take_up_depths();
+        settled.extend(self.adopt_depths());
+        let of_other = other.adopt_depths();
         for index in count..self.local.keyframes.len() {
             let keyframe = publish::keyframe(&self.local, index);
             let kept = other.known.keyframes.get(&LocalMap::id(index - count));
@@ -75,8 +75,8 @@ impl Mapper {
             self.places.add(LocalMap::id(index), self.local.keyframes[index].pyramid.base());
         }
         settled.extend(of_other.into_iter().map(|keyframe| count + keyframe));
-        self.depth_tasks.take_in(other.depth_tasks, count);
-        self.closer.take_in(other.closer, count);
+        self.depth_tasks.append(other.depth_tasks, count);
+        self.closer.append(other.closer, count);
         // The others came in as they are.
         moved.retain(|&keyframe| keyframe < count);
         self.note_moved(&moved);

@@ -5,7 +5,7 @@ use crate::driver::{self, CAPTURE, Mode};
 use crate::layout::FORMATS;
 use crate::player::{Pace, Player};
 use anyhow::{Context, Result, anyhow, ensure};
-use sources::camera::args::{Lockable, Wanted};
+use sources::camera::args::{Lockable, RequestedFormat};
 use sources::camera::format::Size;
 use sources::camera::{CameraArgs, open_camera};
 use sources::{FrameSource, SourceFrame};
@@ -14,7 +14,7 @@ use std::time::Duration;
 
 /// The camera in a mode of the driver.
 fn camera(mode: &Mode, lock: Vec<Lockable>) -> Result<Box<dyn FrameSource>> {
-    let format: Wanted = mode.format.parse().map_err(|problem: String| anyhow!(problem))?;
+    let format: RequestedFormat = mode.format.parse().map_err(|problem: String| anyhow!(problem))?;
     let mut source = open_camera(&CameraArgs {
         camera: Some(CAPTURE.into()),
         size: Some(Size { width: mode.width, height: mode.height }),

@@ -32,7 +32,7 @@ pub trait PageSession {
     /// What is new since the last call, and whether more of it is waiting.
     fn next_messages(&mut self) -> (Vec<Message>, bool);
     /// Takes what the page says.
-    fn hear(&mut self, text: &str);
+    fn receive(&mut self, text: &str);
 }
 
 /// Serves a client until it leaves, is too slow, or nothing more will change and it knows all.
@@ -70,7 +70,7 @@ fn talk(socket: &mut WebSocket<TcpStream>, session: &mut dyn PageSession) -> Res
         let waiting = rounds.answered < rounds.sent;
         if !waiting || (over && !end_sent) {
             end_sent |= over;
-            more = tell(socket, session, &mut rounds)?;
+            more = send_round(socket, session, &mut rounds)?;
             if over && !more {
                 return part(socket);
             }
@@ -81,14 +81,14 @@ fn talk(socket: &mut WebSocket<TcpStream>, session: &mut dyn PageSession) -> Res
         if let Some(text) = listen(socket, patience)? {
             match serde_json::from_str::<Answer>(&text) {
                 Ok(Answer { answer }) => rounds.answered = answer,
-                Err(_) => session.hear(&text),
+                Err(_) => session.receive(&text),
             }
         }
     }
 }
 
 /// Sends a round, if something is new; says whether more is waiting.
-fn tell(
+fn send_round(
     socket: &mut WebSocket<TcpStream>,
     session: &mut dyn PageSession,
     rounds: &mut Rounds,

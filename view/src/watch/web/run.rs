@@ -38,7 +38,7 @@ impl PageSession for Audience {
         (encode::messages(&update, level), update.more)
     }
 
-    fn hear(&mut self, text: &str) {
+    fn receive(&mut self, text: &str) {
         if let Ok(command) = serde_json::from_str::<Command>(text) {
             self.shared.command(command);
         }

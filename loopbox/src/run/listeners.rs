@@ -4,7 +4,7 @@ use geometry::Se3;
 use map::{AgentInfo, Identity, Map, MapDelta};
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Is told what becomes of the map of a run. The run's own thread tells it: whoever listens must not wait for anything,
+/// Follows the map of a run. The run's own thread calls it: whoever listens must not wait for anything,
 /// and hands on what is to be worked on.
 pub trait MapListener: Send {
     /// The run of this agent begins; who it is may not be known yet.
@@ -14,25 +14,25 @@ pub trait MapListener: Send {
     /// nothing of tracked frames.
     fn changed(&mut self, agent: Identity, deltas: Vec<MapDelta>);
 
-    /// A frame was looked at. Runs that only localise say this, and nothing of how the map changes.
-    fn looked(&mut self, seen: &Seen<'_>) {
-        let _ = seen;
+    /// A frame was processed. Runs that only localise say this, and nothing of how the map changes.
+    fn processed(&mut self, frame: &ProcessedFrame<'_>) {
+        let _ = frame;
     }
 
     /// The run has ended with these maps, which are all that there is to know of them.
     fn ended(&mut self, maps: &[Map]);
 }
 
-/// A frame that was looked at, and what there is to know then.
+/// A frame that was processed, and what there is to know then.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
+pub struct ProcessedFrame<'a> {
     /// Who makes the map that the frame belongs to; another epoch is another map, with a world of its own.
     pub agent: Identity,
     /// The frame's time stamp, seconds.
     pub timestamp: f64,
     /// Its pose as known now, if it has one; then it is the last of the map's frames.
     pub world_from_camera: Option<Se3>,
-    /// What was said of the map since the frame before.
+    /// What changed in the map since the frame before.
     pub deltas: &'a [MapDelta],
     /// The map as it is after these.
     pub map: &'a Map,
@@ -53,8 +53,8 @@ impl Listeners {
         !self.0.is_empty()
     }
 
-    /// Tells everybody who listens.
-    pub fn tell(&self, what: impl Fn(&mut dyn MapListener)) {
+    /// Calls everybody who listens.
+    pub fn notify(&self, what: impl Fn(&mut dyn MapListener)) {
         for listener in &self.0 {
             what(&mut *listener.lock().unwrap_or_else(PoisonError::into_inner));
         }

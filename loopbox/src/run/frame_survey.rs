@@ -11,7 +11,7 @@ const GAP: (f64, f64) = (5.0, 0.5);
 
 /// What was seen of frames.
 #[derive(Debug, Default)]
-pub struct Seen {
+pub struct FrameSurvey {
     /// Width and height of the first image that can be read, pixels.
     pub size: Option<(usize, usize)>,
     /// Frames that were looked at.
@@ -24,7 +24,7 @@ pub struct Seen {
     stamps: Vec<f64>,
 }
 
-impl Seen {
+impl FrameSurvey {
     /// Takes frames from `source`, until an image can be read, and where others need not be decoded for it these as well.
     pub fn of(source: &mut dyn FrameSource) -> Self {
         let (mut seen, mut bytes) = (Self::default(), 0);
@@ -96,8 +96,13 @@ impl Seen {
 mod tests {
     use super::*;
 
-    fn seen(stamps: &[f64]) -> Seen {
-        Seen { stamps: stamps.to_vec(), looked_at: stamps.len() as u64, all: true, ..Seen::default() }
+    fn seen(stamps: &[f64]) -> FrameSurvey {
+        FrameSurvey {
+            stamps: stamps.to_vec(),
+            looked_at: stamps.len() as u64,
+            all: true,
+            ..FrameSurvey::default()
+        }
     }
 
     #[test]
@@ -113,12 +118,12 @@ mod tests {
 
     #[test]
     fn a_recording_is_refused_only_where_nothing_of_it_can_be_used() {
-        let counted = |looked_at, unusable, all| Seen {
+        let counted = |looked_at, unusable, all| FrameSurvey {
             looked_at,
             unusable,
             all,
             reason: (unusable > 0).then(|| "torn".into()),
-            ..Seen::default()
+            ..FrameSurvey::default()
         };
         assert_eq!(counted(9, 9, true).refused().as_deref(), Some("no image can be read: torn"));
         assert_eq!(counted(0, 0, true).refused().as_deref(), Some("there is no image"));
