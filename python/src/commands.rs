@@ -137,14 +137,14 @@ pub fn merge(
     let of_cameras = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
         let merged =
             merge_maps(maps, MergeOptions { force, verdicts: verdicts.clone(), ..MergeOptions::to(&out) })?;
-        Ok((merged.anything_met(), merged.verdict(), serde_json::to_string(&merged.record)?))
+        Ok((merged.any_joined(), merged.verdict(), serde_json::to_string(&merged.record)?))
     };
     let of_lidars = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
         let params = LidarMergeParams::default();
         let options = LidarMergeOptions { out: out.clone(), force, params, verdicts: verdicts.clone() };
         let merged = lidar::merge_maps(maps, &options, &Stop::default(), &mut |_| {})?;
         let record = serde_json::to_string(&merged.record)?;
-        Ok((merged.merging.anything_met(), merged.verdict(), record))
+        Ok((merged.merging.any_joined(), merged.verdict(), record))
     };
     let merged = py.detach(|| {
         on_threads(None, || {

@@ -91,7 +91,7 @@ pub fn run(args: &mut MergeArgs) -> Result<()> {
     if args.json {
         console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;
     }
-    if !merged.anything_met() {
+    if !merged.any_joined() {
         let reasons = merged.verdict();
         let text = format!("no two of the maps met, so there is no common map\n{}", reasons.trim_end());
         return Err(Ended { ending: Ending::NotMet, text }.into());

@@ -28,7 +28,7 @@ pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
     if args.json {
         console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;
     }
-    if !merged.merging.anything_met() {
+    if !merged.merging.any_joined() {
         let reasons = merged.verdict();
         let text = format!("no two of the maps met, so there is no common map\n{}", reasons.trim_end());
         return Err(Ended { ending: Ending::NotMet, text }.into());
@@ -50,7 +50,7 @@ pub fn run_mixed(args: &MergeArgs, options: &MixedOptions) -> Result<()> {
         console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;
     }
     let mut text = merged.verdict();
-    if !merged.anything_met() {
+    if !merged.any_joined() {
         let text = format!("no two of the maps met, so there is no new common map\n{}", text.trim_end());
         return Err(Ended { ending: Ending::NotMet, text }.into());
     }

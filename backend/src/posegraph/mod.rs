@@ -62,23 +62,23 @@ pub fn optimise(
     fixed: &BTreeSet<KeyframeId>,
     params: &PoseGraphParams,
 ) -> Result<PoseGraphReport, PoseGraphError> {
-    optimise_with_units(nodes, edges, fixed, &BTreeSet::new(), params)
+    optimise_with_known_scales(nodes, edges, fixed, &BTreeSet::new(), params)
 }
 
-/// The same, where the scales of the nodes in `known_unit` are known and stay: a LiDAR's keyframes are in metres. Such a
+/// The same, where the scales of the nodes in `known_scale` are known and stay: a LiDAR's keyframes are in metres. Such a
 /// node moves in six degrees of freedom, λ of its tangent is zero, and through edges to others it tells them their scale.
 ///
 /// # Errors
 /// As [`optimise`].
-pub fn optimise_with_units(
+pub fn optimise_with_known_scales(
     nodes: &mut BTreeMap<KeyframeId, Sim3>,
     edges: &[Edge],
     fixed: &BTreeSet<KeyframeId>,
-    known_unit: &BTreeSet<KeyframeId>,
+    known_scale: &BTreeSet<KeyframeId>,
     params: &PoseGraphParams,
 ) -> Result<PoseGraphReport, PoseGraphError> {
     error::check(nodes, edges, params)?;
-    let mut solver = Solver::new(nodes, edges, fixed, known_unit, params)?;
+    let mut solver = Solver::new(nodes, edges, fixed, known_scale, params)?;
     let report = solver.run()?;
     // The solver keeps the nodes in the order of their ids.
     for (world_from_keyframe, optimised) in nodes.values_mut().zip(solver.world_from_keyframes()) {

@@ -44,7 +44,7 @@ pub(super) struct Solver<'a> {
     /// Index among the free nodes.
     free: Vec<Option<usize>>,
     /// Whether a node's scale stays as it is.
-    known_unit: Vec<bool>,
+    known_scale: Vec<bool>,
     constraints: Vec<Constraint>,
     system: BlockSystem<7>,
 }
@@ -55,7 +55,7 @@ impl<'a> Solver<'a> {
         nodes: &BTreeMap<KeyframeId, Sim3>,
         edges: &[Edge],
         fixed: &BTreeSet<KeyframeId>,
-        known_unit: &BTreeSet<KeyframeId>,
+        known_scale: &BTreeSet<KeyframeId>,
         params: &'a PoseGraphParams,
     ) -> Result<Self, PoseGraphError> {
         let index: BTreeMap<KeyframeId, usize> = nodes.keys().enumerate().map(|(i, &id)| (id, i)).collect();
@@ -86,8 +86,8 @@ impl<'a> Solver<'a> {
             constraint.slot = coupled(constraint).map(|(greater, smaller)| system.slot(greater, smaller));
         }
         let poses = nodes.values().map(Sim3::inverse).collect();
-        let known_unit = nodes.keys().map(|id| known_unit.contains(id)).collect();
-        Ok(Self { params, poses, free, known_unit, constraints, system })
+        let known_scale = nodes.keys().map(|id| known_scale.contains(id)).collect();
+        Ok(Self { params, poses, free, known_scale, constraints, system })
     }
 
     /// The nodes as they stand, in order of id.
@@ -251,11 +251,11 @@ impl<'a> Solver<'a> {
         let mut of_from = (block, gradient);
         let mut of_to = (edge.adjoint.transpose() * coupling, -(edge.adjoint.transpose() * gradient));
         // Without any part in λ a node's scale stays: the floor below is all that its equation has.
-        if self.known_unit[constraint.from] {
+        if self.known_scale[constraint.from] {
             without_scale(&mut of_from);
             coupling.row_mut(SCALE).fill(0.0);
         }
-        if self.known_unit[constraint.to] {
+        if self.known_scale[constraint.to] {
             without_scale(&mut of_to);
             coupling.column_mut(SCALE).fill(0.0);
         }

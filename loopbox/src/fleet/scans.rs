@@ -103,11 +103,11 @@ impl ScanCollector {
         self.found = found(lent, Some(&merging));
         listeners.iter_mut().for_each(|listener| listener.lidars(inputs, &merging));
         let is_due = at_rest || self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
-        if merging.anything_met() && is_due {
+        if merging.any_joined() && is_due {
             self.write(inputs, &merging).map_err(Failed::Write)?;
             self.written = Some(Instant::now());
         }
-        self.to_write = merging.anything_met() && !is_due;
+        self.to_write = merging.any_joined() && !is_due;
         Ok(())
     }
 

@@ -167,7 +167,7 @@ pub struct LidarMerging {
 
 impl LidarMerging {
     /// Whether any two maps were joined.
-    pub fn anything_met(&self) -> bool {
+    pub fn any_joined(&self) -> bool {
         self.groups.iter().any(|group| group.members.len() > 1)
     }
 }

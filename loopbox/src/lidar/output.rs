@@ -260,7 +260,7 @@ pub fn merge_maps(
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();
-    if merging.anything_met() {
+    if merging.any_joined() {
         step("writing the results")?;
         write_merged(&mut results, &inputs, &merging, &mut record)?;
         step("putting the results in place")?;

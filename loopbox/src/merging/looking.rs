@@ -49,7 +49,7 @@ pub(crate) struct Looked {
     /// Whether one of these may join agents that do not hang together, and was never looked at.
     pub may_join: bool,
     /// Whether now groups were joined, or a merge of before does not stand any more.
-    pub is_news: bool,
+    pub has_changed: bool,
     /// Places of the pairs that are left, as far as they were found.
     pub places: BTreeMap<[usize; 2], Places>,
 }
@@ -119,7 +119,7 @@ pub(crate) fn look(
     if wanted.is_none() {
         waiting.iter_mut().for_each(|one| one.similarity = similarity(one.pair, &shared));
     }
-    let (mut now, mut left, mut is_news) = (Vec::new(), Vec::new(), false);
+    let (mut now, mut left, mut has_changed) = (Vec::new(), Vec::new(), false);
     if share.is_some() {
         let (with, without): (Vec<_>, Vec<_>) =
             waiting.into_iter().partition(|one| key(one.pair, &shared).is_some());
@@ -134,7 +134,7 @@ pub(crate) fn look(
             Some(share) if share.is_used_up(now.len(), start) => None,
             Some(_) => next(&waiting, &groups)
                 .filter(|&index| {
-                    now.is_empty() || !groups.are_one(waiting[index].pair) || !is_news && !is_awaited()
+                    now.is_empty() || !groups.are_one(waiting[index].pair) || !has_changed && !is_awaited()
                 })
                 .map(|index| waiting.swap_remove(index)),
         };
@@ -160,8 +160,8 @@ pub(crate) fn look(
         let is_joined = pair_result.joined.is_some();
         let before = pair_results.insert(pair, pair_result);
         if share.is_some() {
-            is_news |= before.is_some_and(|before| before.joined.is_some() && !is_joined);
-            is_news |= is_joined && groups.join(pair);
+            has_changed |= before.is_some_and(|before| before.joined.is_some() && !is_joined);
+            has_changed |= is_joined && groups.join(pair);
         }
         now.push(pair);
     }
@@ -172,7 +172,7 @@ pub(crate) fn look(
     let mut pair_results: Vec<([usize; 2], PairResult)> = pair_results.into_iter().collect();
     pair_results.sort_by_key(|([earlier, later], _)| [*later, *earlier]);
     let pair_results = pair_results.into_iter().map(|(_, pair_result)| pair_result).collect();
-    Ok(Looked { pair_results, now, left, may_join, is_news, places: shared })
+    Ok(Looked { pair_results, now, left, may_join, has_changed, places: shared })
 }
 
 /// By target and source, whichever of two inputs is which, where their places are known.

@@ -91,7 +91,7 @@ pub struct MixedPairResult {
 
 impl MixedMerged {
     /// Whether any two agents met that were not in one map before. Only then results were written.
-    pub fn anything_met(&self) -> bool {
+    pub fn any_joined(&self) -> bool {
         !self.record.files.is_empty()
     }
 

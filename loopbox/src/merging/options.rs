@@ -63,8 +63,8 @@ pub struct Merged {
 
 impl Merged {
     /// Whether any two of the maps met. Only then results were written.
-    pub fn anything_met(&self) -> bool {
-        self.merging.anything_met()
+    pub fn any_joined(&self) -> bool {
+        self.merging.any_joined()
     }
 
     /// For each pair what was decided and by what evidence, for people.
@@ -118,7 +118,7 @@ pub fn merge_maps_watched(
     let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
     let mut merging = merge_knowing(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
     let names = Names::new(&merging.common);
-    if options.params.joint && merging.anything_met() {
+    if options.params.joint && merging.any_joined() {
         stage("optimising the common map jointly")?;
         let most = options.params.joint_keyframes;
         for (fused, why) in optimised(&mut merging.fused, most, &|| stop.requested()) {
@@ -127,7 +127,7 @@ pub fn merge_maps_watched(
         }
     }
     let mut record = MergeRecord::new(&inputs, &merging, &options.params, &names)?;
-    if merging.anything_met() {
+    if merging.any_joined() {
         stage("writing the results")?;
         write_results(&mut output, &inputs, &merging, &names, &mut record)?;
         go_on()?;

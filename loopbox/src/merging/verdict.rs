@@ -169,7 +169,7 @@ impl Merging {
     }
 
     /// Whether any two of the inputs were merged, and the merge stands.
-    pub fn anything_met(&self) -> bool {
+    pub fn any_joined(&self) -> bool {
         self.pair_results.iter().any(|pair_result| self.stands(pair_result))
     }
 

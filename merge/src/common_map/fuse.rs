@@ -5,7 +5,7 @@ use super::{CommonMap, FusionParams, Link};
 use crate::alignment;
 use crate::estimate::{Estimate, mean};
 use crate::merge_graph::{Component, Merge, MergeGraph, MergeGraphError, confidence};
-use backend::posegraph::{PoseGraphError, PoseGraphReport, optimise_with_units};
+use backend::posegraph::{PoseGraphError, PoseGraphReport, optimise_with_known_scales};
 use geometry::{Sim3, median};
 use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map, MapError, Sensor};
 use nalgebra::Vector3;
@@ -163,13 +163,13 @@ impl CommonMap {
 impl Fused {
     /// Moves all keyframes to the minimum of the joint pose graph; the first keyframe of the root stays.
     fn optimise(&mut self, links: &BTreeMap<usize, Link>, params: &FusionParams) -> Result<(), FusionError> {
-        let known_unit = of_known_unit(&self.map);
+        let known_scale = keyframes_of_known_scale(&self.map);
         let keyframes = &mut self.map.keyframes;
         let mut nodes: BTreeMap<KeyframeId, Sim3> =
             keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect();
         let fixed: BTreeSet<KeyframeId> = nodes.keys().next().copied().into_iter().collect();
         let edges = &self.map.edges;
-        let report = optimise_with_units(&mut nodes, edges, &fixed, &known_unit, &params.pose_graph)?;
+        let report = optimise_with_known_scales(&mut nodes, edges, &fixed, &known_scale, &params.pose_graph)?;
         for (id, world_from_keyframe) in nodes {
             if let Some(keyframe) = keyframes.get_mut(&id) {
                 keyframe.world_from_keyframe = world_from_keyframe;
@@ -225,9 +225,9 @@ fn seen_by(keyframe: &Keyframe) -> Option<(Vector3<f64>, f64)> {
     (range > 0.0).then_some((Vector3::zeros(), range))
 }
 
-/// The keyframes of a common map whose unit is known: those of LiDARs, where the common world is in metres. Of a camera
+/// The keyframes of a common map whose scale is known: those of LiDARs, where the common world is in metres. Of a camera
 /// whose map is in metres each keyframe has a unit of its own, which drifts.
-fn of_known_unit(map: &Map) -> BTreeSet<KeyframeId> {
+fn keyframes_of_known_scale(map: &Map) -> BTreeSet<KeyframeId> {
     let is_metric = map.is_metric();
     let of_lidar = |keyframe: &&Keyframe| {
         map.agents.get(&keyframe.agent).is_some_and(|info| info.sensor == Sensor::Lidar)

@@ -10,9 +10,9 @@ mod closures;
 mod fuse;
 mod params;
 mod rejection;
+mod rescaled;
 #[cfg(test)]
 mod tests;
-mod units;
 
 pub use fuse::{Fused, FusionError};
 pub use params::FusionParams;
@@ -142,7 +142,7 @@ impl CommonMap {
         let Some(map) = self.agents.get_mut(&agent).filter(|_| own.agents.len() == 1) else { return false };
         for link in &mut self.links {
             if link.from.agent == agent || link.to.agent == agent {
-                *link = units::follow(link, agent, map, &own);
+                *link = rescaled::follow(link, agent, map, &own);
             }
         }
         *map = own;

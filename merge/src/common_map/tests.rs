@@ -414,7 +414,7 @@ fn lidar_map(lidar: &Traveller) -> Map {
 /// Maps in metres and without: a camera's, whose scale runs away, is held by the LiDAR's beside it, and a second LiDAR that
 /// is known over the camera alone stays in metres.
 #[test]
-fn known_and_unknown_units_come_together_in_metres() {
+fn known_and_unknown_scales_come_together_in_metres() {
     let [lidar, camera, other] = [Traveller::new(1, 12), Traveller::new(2, 12), Traveller::new(3, 12)];
     let (lidar, other) = (lidar.in_metres(), other.in_metres());
     let maps = [lidar_map(&lidar), camera.drifted_map(0.02), lidar_map(&other)];

@@ -23,14 +23,15 @@ impl fmt::Display for Side {
     }
 }
 
-/// A direction of motion that the points do not hold.
+/// A direction of motion that the points do not constrain.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct OpenDirection {
     /// The motion as a unit tangent (υ, ω, λ) about the target's centre: υ in extents, ω in radians, axes of the
     /// target frame.
     pub tangent: Tangent,
-    /// How well it is held, as in `Registration::hold`.
-    pub hold: f64,
+    /// How much it is constrained, as in `Registration::least_constrained`.
+    #[serde(rename = "hold")]
+    pub constraint: f64,
 }
 
 impl OpenDirection {
@@ -116,7 +117,7 @@ pub enum IcpRefusal {
         needed: usize,
     },
     /// The points leave a direction of motion open.
-    #[error("the clouds leave a motion open: {0} (held by {hold:.4})", hold = .0.hold)]
+    #[error("the clouds leave a motion open: {0} (held by {hold:.4})", hold = .0.constraint)]
     Degenerate(OpenDirection),
     /// The estimated scale left the initial guess too far behind.
     #[error("the scale ran away from the initial guess by a factor of {factor:.3}: keep it fixed")]

@@ -61,9 +61,10 @@ pub struct Registration {
     pub overlap: f64,
     /// Root mean square distance of the inliers' points, target units.
     pub rmse: f64,
-    /// The motion held worst, and how well: the mean over the correspondences, by weight, of how much of it the
+    /// The motion constrained least, and how much: the mean over the correspondences, by weight, of how much of it the
     /// target's shape resists (0: all points slide, 1: none does).
-    pub hold: OpenDirection,
+    #[serde(rename = "hold")]
+    pub least_constrained: OpenDirection,
     /// Factor the given noise was raised by in `covariance` because the residuals are larger than it explains
     /// (at least 1); without given noise, the variance of a point's coordinate, target units squared.
     pub noise_factor: f64,
@@ -88,23 +89,23 @@ pub fn register(
     if !initial.is_valid() {
         return Err(IcpRefusal::InvalidInitial);
     }
-    let unit_from_target = normalization(&target.points).ok_or(IcpRefusal::NoExtent)?;
-    let target = target.moved(&unit_from_target);
+    let normalised_from_target = normalization(&target.points).ok_or(IcpRefusal::NoExtent)?;
+    let target = target.moved(&normalised_from_target);
     let problem = Problem::new(source, &target, params);
 
-    let start = unit_from_target * *initial;
+    let start = normalised_from_target * *initial;
     let track = iterate(&problem, &start, params)?;
-    let last = problem.matches(&track.unit_from_source, problem.last_max_distance);
+    let last = problem.matches(&track.normalised_from_source, problem.last_max_distance);
     let matches = last.weighted(params, 1.0)?;
     if matches.overlap < params.min_overlap {
         return Err(IcpRefusal::LittleOverlap { overlap: matches.overlap, needed: params.min_overlap });
     }
     let solution = Solution { problem: &problem, matches: &matches, track: &track };
-    let factor = track.unit_from_source.scale / start.scale;
+    let factor = track.normalised_from_source.scale / start.scale;
     if params.estimate_scale && factor.ln().abs() > params.max_log_scale_change {
         return Err(IcpRefusal::ScaleRanAway { factor });
     }
-    solution.registration(&unit_from_target, params)
+    solution.registration(&normalised_from_target, params)
 }
 
 /// Refuses a cloud that cannot be used.
@@ -144,26 +145,26 @@ fn normalization(points: &[Vector3<f64>]) -> Option<Sim3> {
 
 /// Where the iterations ended.
 struct Track {
-    unit_from_source: Sim3,
+    normalised_from_source: Sim3,
     iterations: usize,
     converged: bool,
 }
 
-/// The iterations, from `start`, unit_from_source.
+/// The iterations, from `start`, normalised_from_source.
 fn iterate(problem: &Problem, start: &Sim3, params: &IcpParams) -> Result<Track, IcpRefusal> {
     let last = problem.last_max_distance;
     let mut distance = params.first_max_distance.max(last);
-    let mut unit_from_source = *start;
+    let mut normalised_from_source = *start;
     for iteration in 1..=params.max_iterations.max(1) {
-        let matches = problem.matches(&unit_from_source, distance).weighted(params, distance / last)?;
+        let matches = problem.matches(&normalised_from_source, distance).weighted(params, distance / last)?;
         let step = solve::step(&matches.correspondences, params.estimate_scale);
-        unit_from_source = Sim3::exp(&step) * unit_from_source;
+        normalised_from_source = Sim3::exp(&step) * normalised_from_source;
         if distance <= last && step.norm() < params.converged_step {
-            return Ok(Track { unit_from_source, iterations: iteration, converged: true });
+            return Ok(Track { normalised_from_source, iterations: iteration, converged: true });
         }
         distance = (distance * params.annealing).max(last);
     }
-    Ok(Track { unit_from_source, iterations: params.max_iterations.max(1), converged: false })
+    Ok(Track { normalised_from_source, iterations: params.max_iterations.max(1), converged: false })
 }
 
 /// The end of a registration, in the normalised frame.
@@ -175,38 +176,42 @@ struct Solution<'a> {
 
 impl Solution<'_> {
     /// The evidence, and all back in the target's frame and unit.
-    fn registration(&self, unit_from_target: &Sim3, params: &IcpParams) -> Result<Registration, IcpRefusal> {
-        let unit_from_source = &self.track.unit_from_source;
-        let hold = self.problem.hold(self.matches, params.estimate_scale);
+    fn registration(
+        &self,
+        normalised_from_target: &Sim3,
+        params: &IcpParams,
+    ) -> Result<Registration, IcpRefusal> {
+        let normalised_from_source = &self.track.normalised_from_source;
+        let least_constrained = self.problem.least_constrained(self.matches, params.estimate_scale);
         // Written so that a NaN is refused.
-        let held = hold.hold >= params.min_hold;
-        if !held {
-            return Err(IcpRefusal::Degenerate(hold));
+        let is_constrained = least_constrained.constraint >= params.min_constraint;
+        if !is_constrained {
+            return Err(IcpRefusal::Degenerate(least_constrained));
         }
-        let target_from_unit = unit_from_target.inverse();
+        let target_from_normalised = normalised_from_target.inverse();
         let correspondences = &self.matches.correspondences;
-        let noise = self.problem.noise(self.matches, unit_from_source);
+        let noise = self.problem.noise(self.matches, normalised_from_source);
         let freedom = if params.estimate_scale { 7 } else { 6 };
         let factor = noise_factor(correspondences, &noise, freedom);
         // Noise that is given is a floor: small residuals of close points prove nothing.
         let factor = if self.problem.knows_noise() { factor.max(1.0) } else { factor };
         let covariance = covariance::covariance(correspondences, &noise, params.estimate_scale)
-            .ok_or(IcpRefusal::Degenerate(hold))?
+            .ok_or(IcpRefusal::Degenerate(least_constrained))?
             * factor;
-        let adjoint = target_from_unit.adjoint();
+        let adjoint = target_from_normalised.adjoint();
         let covariance = adjoint * covariance * adjoint.transpose();
         let covariance = (covariance + covariance.transpose()) * 0.5;
-        let information =
-            estimated_inverse(&covariance, params.estimate_scale).ok_or(IcpRefusal::Degenerate(hold))?;
-        let squared_extent = target_from_unit.scale * target_from_unit.scale;
+        let information = estimated_inverse(&covariance, params.estimate_scale)
+            .ok_or(IcpRefusal::Degenerate(least_constrained))?;
+        let squared_extent = target_from_normalised.scale * target_from_normalised.scale;
         Ok(Registration {
-            target_from_source: target_from_unit * *unit_from_source,
+            target_from_source: target_from_normalised * *normalised_from_source,
             covariance,
             information,
             inlier_share: self.matches.inlier_share,
             overlap: self.matches.overlap,
-            rmse: self.matches.rmse * target_from_unit.scale,
-            hold,
+            rmse: self.matches.rmse * target_from_normalised.scale,
+            least_constrained,
             noise_factor: if self.problem.knows_noise() { factor } else { factor * squared_extent },
             iterations: self.track.iterations,
             converged: self.track.converged,

@@ -49,9 +49,10 @@ pub struct IcpParams {
     pub min_points: usize,
     /// Smallest share of the source's points with a counterpart. Default 0.3; 0 to 1.
     pub min_overlap: f64,
-    /// Smallest hold on any direction of motion, see `Registration::hold`. Default 0.01; 0 to 1. A third of the
-    /// points on each of three walls hold every translation by about 0.33.
-    pub min_hold: f64,
+    /// Smallest constraint on any direction of motion, see `Registration::least_constrained`. Default 0.01; 0 to 1. A third of the
+    /// points on each of three walls constrain every translation by about 0.33.
+    #[serde(rename = "min_hold")]
+    pub min_constraint: f64,
     /// Largest |ln| of the factor by which the estimated scale leaves the initial guess's. Default ln 1.5; above
     /// 0. Without effect on a rigid registration.
     pub max_log_scale_change: f64,
@@ -76,7 +77,7 @@ impl Default for IcpParams {
             kernel_width: 2.4,
             min_points: 50,
             min_overlap: 0.3,
-            min_hold: 0.01,
+            min_constraint: 0.01,
             max_log_scale_change: 1.5f64.ln(),
             max_iterations: 40,
             converged_step: 1e-4,

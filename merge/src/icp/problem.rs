@@ -82,9 +82,9 @@ impl<'a> Problem<'a> {
     }
 
     /// The nearest target point of each source point not farther than `max_distance`, in extents.
-    pub(super) fn matches(&self, unit_from_source: &Sim3, max_distance: f64) -> Candidates {
-        let linear = linear_part(unit_from_source);
-        let translation = unit_from_source.translation;
+    pub(super) fn matches(&self, normalised_from_source: &Sim3, max_distance: f64) -> Candidates {
+        let linear = linear_part(normalised_from_source);
+        let translation = normalised_from_source.translation;
         let meet = |(source, point): (usize, &Vector3<f64>)| {
             let moved = linear * point + translation;
             let (target, squared_distance) = self.neighbours.nearest(&moved);
@@ -121,8 +121,8 @@ impl<'a> Problem<'a> {
     }
 
     /// The covariances of the points of each correspondence, target side first moved to the normalised frame.
-    pub(super) fn noise(&self, matches: &Matches, unit_from_source: &Sim3) -> Vec<PointNoise> {
-        let linear = linear_part(unit_from_source);
+    pub(super) fn noise(&self, matches: &Matches, normalised_from_source: &Sim3) -> Vec<PointNoise> {
+        let linear = linear_part(normalised_from_source);
         // Where only the one side knows its noise, the other's is taken as small beside it.
         let of = |cloud: &Cloud, index: usize| match self.knows_noise() && cloud.covariances.is_none() {
             true => Matrix3::zeros(),
@@ -147,16 +147,16 @@ impl<'a> Problem<'a> {
         self.source.covariances.is_some() || self.target.covariances.is_some()
     }
 
-    /// The motion that the target's shape holds worst.
-    pub(super) fn hold(&self, matches: &Matches, estimate_scale: bool) -> OpenDirection {
+    /// The motion that the target's shape constrains least.
+    pub(super) fn least_constrained(&self, matches: &Matches, estimate_scale: bool) -> OpenDirection {
         let mut sum = TangentMatrix::zeros();
         let mut total = 0.0;
         for (c, &weight) in matches.correspondences.iter().zip(&matches.weights) {
             let jacobian = c.jacobian();
-            sum += jacobian.transpose() * (self.target_shapes[c.target].held * jacobian) * weight;
+            sum += jacobian.transpose() * (self.target_shapes[c.target].constrained * jacobian) * weight;
             total += weight;
         }
-        solve::worst_held(sum / total, estimate_scale)
+        solve::least_constrained(sum / total, estimate_scale)
     }
 }
 

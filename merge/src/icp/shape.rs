@@ -31,7 +31,7 @@ pub(super) struct Shape {
     pub(super) planarity: f64,
     /// Projector on the directions in which the point cannot slide: `n nᵀ` on a surface, `I − u uᵀ` on an edge
     /// along u, zero in a ball.
-    pub(super) held: Matrix3<f64>,
+    pub(super) constrained: Matrix3<f64>,
     /// Covariance of where a point of the same surface or edge may lie: thin across, wide along.
     pub(super) spread: Matrix3<f64>,
     /// Root mean square distance of the neighbours from their mean.
@@ -58,7 +58,7 @@ impl Shape {
         Self {
             normal: axes[2],
             planarity: filled[1] - filled[2],
-            held: Matrix3::identity() - along,
+            constrained: Matrix3::identity() - along,
             spread: (Matrix3::identity() * THICKNESS + along * FREEDOM) * largest,
             radius: eigen.eigenvalues.sum().max(0.0).sqrt(),
         }
@@ -88,24 +88,24 @@ mod tests {
     }
 
     #[test]
-    fn a_surface_holds_its_normal_only() {
+    fn a_surface_constrains_its_normal_only() {
         let shape = spread_over([1.0, 0.0, 1.0]);
         assert!(shape.normal.y.abs() > 0.999);
         assert!(shape.planarity > 0.999);
-        assert!((shape.held - Matrix3::from_diagonal(&Vector3::y())).norm() < 1e-9);
+        assert!((shape.constrained - Matrix3::from_diagonal(&Vector3::y())).norm() < 1e-9);
     }
 
     #[test]
-    fn an_edge_holds_all_but_its_direction() {
+    fn an_edge_constrains_all_but_its_direction() {
         let shape = spread_over([0.0, 1.0, 0.01]);
         assert!(shape.planarity < 0.01);
-        assert!((shape.held - Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, 1.0))).norm() < 0.01);
+        assert!((shape.constrained - Matrix3::from_diagonal(&Vector3::new(1.0, 0.0, 1.0))).norm() < 0.01);
     }
 
     #[test]
-    fn a_ball_holds_nothing() {
+    fn a_ball_constrains_nothing() {
         let shape = spread_over([1.0, 1.0, 1.0]);
-        assert!(shape.planarity == 0.0 && shape.held.norm() < 1e-9);
+        assert!(shape.planarity == 0.0 && shape.constrained.norm() < 1e-9);
         assert!(shape.spread.cholesky().is_some());
     }
 }

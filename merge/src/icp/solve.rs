@@ -1,4 +1,4 @@
-//! The Gauss–Newton step, and the motion the points hold worst.
+//! The Gauss–Newton step, and the motion that the points constrain least.
 
 use super::covariance::{Correspondence, Tangent, TangentMatrix};
 use super::error::OpenDirection;
@@ -39,7 +39,7 @@ fn fix_scale(matrix: &mut TangentMatrix) {
 }
 
 /// The unit tangent with the smallest `xᵀ matrix x`, and that value.
-pub(super) fn worst_held(mut matrix: TangentMatrix, estimate_scale: bool) -> OpenDirection {
+pub(super) fn least_constrained(mut matrix: TangentMatrix, estimate_scale: bool) -> OpenDirection {
     if !estimate_scale {
         // Larger than any eigenvalue: λ is never the worst.
         let trace = matrix.trace();
@@ -47,9 +47,9 @@ pub(super) fn worst_held(mut matrix: TangentMatrix, estimate_scale: bool) -> Ope
         matrix[(6, 6)] = trace + 1.0;
     }
     let eigen = matrix.symmetric_eigen();
-    let worst = eigen.eigenvalues.imin();
+    let least = eigen.eigenvalues.imin();
     OpenDirection {
-        tangent: eigen.eigenvectors.column(worst).into_owned(),
-        hold: eigen.eigenvalues[worst].max(0.0),
+        tangent: eigen.eigenvectors.column(least).into_owned(),
+        constraint: eigen.eigenvalues[least].max(0.0),
     }
 }

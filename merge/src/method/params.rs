@@ -20,7 +20,7 @@ pub struct BaselineParams {
     /// The clouds that are registered.
     pub cloud: KeyframeCloudParams,
     /// Their registration. Default point-to-point, as the paper has it, and however little the
-    /// clouds hold a motion, as its ICP refuses nothing; the rest as in Loop-box.
+    /// clouds constrain a motion, as its ICP refuses nothing; the rest as in Loop-box.
     pub icp: IcpParams,
     /// The pose graph of the neighbourhood. Default without robust kernels.
     pub pose_graph: PoseGraphParams,
@@ -32,7 +32,7 @@ impl Default for BaselineParams {
             pair: PairParams::default(),
             optimal_scale: OptimalScaleParams::default(),
             cloud: KeyframeCloudParams::default(),
-            icp: IcpParams { kind: ResidualKind::PointToPoint, min_hold: 0.0, ..IcpParams::default() },
+            icp: IcpParams { kind: ResidualKind::PointToPoint, min_constraint: 0.0, ..IcpParams::default() },
             pose_graph: PoseGraphParams {
                 odometry: LEAST_SQUARES,
                 covisibility: LEAST_SQUARES,

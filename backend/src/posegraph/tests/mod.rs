@@ -156,7 +156,7 @@ fn a_false_loop_among_true_ones_is_suppressed() {
 
 /// Of a drifting chain with ties to keyframes in metres: these stay in metres to the last bit, and tell the others theirs.
 #[test]
-fn known_units_stay_and_tell_others_theirs() {
+fn known_scales_stay_and_set_those_of_others() {
     let metric: BTreeMap<KeyframeId, Sim3> =
         ring(40).into_iter().map(|(id, pose)| (id, Sim3 { scale: 1.0, ..pose })).collect();
     let mut truth = metric.clone();
@@ -188,7 +188,7 @@ fn known_units_stay_and_tell_others_theirs() {
     let known: BTreeSet<KeyframeId> = metric.keys().copied().collect();
     let mut free = nodes.clone();
     optimise(&mut free, &edges, &first(), &PoseGraphParams::default()).unwrap();
-    optimise_with_units(&mut nodes, &edges, &first(), &known, &PoseGraphParams::default()).unwrap();
+    optimise_with_known_scales(&mut nodes, &edges, &first(), &known, &PoseGraphParams::default()).unwrap();
     assert!(known.iter().all(|id| nodes[id].scale == 1.0));
     let off = |found: &BTreeMap<KeyframeId, Sim3>| {
         let scales = found.iter().map(|(id, pose)| (pose.scale / truth[id].scale).ln().abs());

@@ -67,8 +67,8 @@ pub(super) fn optimise(mut job: Job) -> Outcome {
     let optimised = made.map(|merging| Optimised {
         found: found(&job.maps.inputs, &merging, &job.maps.whole, |pair| job.open.contains(&pair)),
         undone: undone_by(&merging, &job.maps.contents),
-        has_met: merging.anything_met(),
-        written: (job.writes && merging.anything_met()).then(|| write(&mut job, &merging)),
+        has_met: merging.any_joined(),
+        written: (job.writes && merging.any_joined()).then(|| write(&mut job, &merging)),
         fused: merging.fused,
     });
     Outcome { revision: job.revision, results: job.results, took, optimised }

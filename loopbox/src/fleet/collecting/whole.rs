@@ -179,7 +179,7 @@ impl Whole {
             self.states.optimised != self.states.now && (is_due || table.may_optimise(self.is_left, now));
         let optimises =
             (optimises || writes) && self.optimiser.is_idle() && round.optimise_when != OptimiseWhen::Later;
-        let is_published = !looked.is_news && self.published_maps == *contents && !table.may_report(now);
+        let is_published = !looked.has_changed && self.published_maps == *contents && !table.may_report(now);
         if self.is_left && is_published && !optimises {
             return Ok(false);
         }
