@@ -195,10 +195,12 @@ fn met(
         edges.len(),
         doubt.filter(|_| before == "apart").map_or(String::new(), |doubt| doubt.to_string()),
     );
+    let failed = evaluated.verdict.lines.iter().filter(|line| line.says != merge::acceptance::Says::For);
+    println!("    failed: {}", failed.map(|line| &*line.name).collect::<Vec<_>>().join(", "));
     if std::env::var("PIECES").is_ok() {
         for (piece, part) in &found.pieces {
             println!(
-                "    {:?} share {:.3} things {:.1} l {:.1} part {part:.2}",
+                "    {:?} share {:.3} things {:.2} l {:.2} part {part:.2}",
                 piece.kind, piece.share, piece.things, piece.ln_agreement
             );
         }

@@ -1,5 +1,6 @@
 //! How alike two keyframes see each cell of one's surface at a given relative pose.
 
+use super::band::Layer;
 use super::foreground::{Footprint, Foreground, Visibility};
 use super::surface::Surface;
 use super::view::KeyframeView;
@@ -9,6 +10,8 @@ use nalgebra::Vector3;
 
 /// Contrasts that differ by a smaller factor are alike.
 const LIKE: f64 = 1.5;
+/// Least share of a cell's pixels of which both keyframes show the grain.
+const MIN_SHARE: f32 = 0.2;
 
 params! {
     /// Parameters of the comparison of cells.
@@ -32,6 +35,8 @@ params! {
 pub struct CellMatch {
     /// The cell of the source, by rows.
     pub cell: usize,
+    /// What of it was compared.
+    pub layer: Layer,
     /// Its middle, in the source's camera frame and unit.
     pub centre: Vector3<f64>,
     /// Its width there, source unit.
@@ -51,49 +56,54 @@ impl KeyframeView {
     pub fn match_cells(&self, target: &Self, target_from_self: &Sim3, params: &CellParams) -> Vec<CellMatch> {
         let (own, other) = (self.surface(), target.surface());
         let foreground = Foreground::new([self, target], target_from_self, params.relative_gap);
-        let found = |cell: usize| {
-            let plane = own.planes[cell].filter(|_| own.deviations[cell] >= params.min_deviation)?;
+        let found = |cell: usize| -> Option<Vec<CellMatch>> {
+            let has_band = |layer: &Layer| own.band(*layer).deviations[cell] >= params.min_deviation;
+            let plane = own.planes[cell].filter(|_| Layer::ALL.iter().any(has_band))?;
             let footprint = Warp { own, other, cell, target_from_self }.footprint(params)?;
-            let patch = footprint_patch(own, other, &footprint, params)?;
             let visibility = foreground.visibility(&footprint);
             if visibility == Visibility::Hidden {
                 return None;
             }
-            let correlation = best_correlation(own, cell, &patch, params.radius)?;
             let middle = own.middle(cell);
             let centre = own.camera.unproject(middle[0], middle[1]) / plane.at;
             let width = own.cell as f64 / own.camera.fx / plane.at;
-            Some(CellMatch {
-                cell,
-                centre,
-                width,
-                contrast: own.contrasts[cell],
-                roundness: own.roundness[cell],
-                correlation,
-                is_visible: visibility == Visibility::Visible,
-            })
+            let of_layer = |layer: Layer| {
+                let patch = footprint_patch(own, other, layer, &footprint, params)?;
+                let band = own.band(layer);
+                Some(CellMatch {
+                    cell,
+                    layer,
+                    centre,
+                    width,
+                    contrast: band.contrasts[cell],
+                    roundness: band.roundness[cell],
+                    correlation: best_correlation(own, layer, cell, &patch, params.radius)?,
+                    is_visible: visibility == Visibility::Visible,
+                })
+            };
+            Some(Layer::ALL.into_iter().filter(has_band).filter_map(of_layer).collect())
         };
-        (0..own.planes.len()).filter_map(found).collect()
+        (0..own.planes.len()).filter_map(found).flatten().collect()
     }
 
     /// Contrast and correlation of cells of this keyframe with such of another that do not show the same and have a contrast like
     /// theirs: what correlation comes to by chance, and by what all of it has in common, edges of one direction, one make.
-    pub fn mismatch_cells(&self, target: &Self, params: &CellParams) -> Vec<[f64; 2]> {
+    pub fn mismatch_cells(&self, target: &Self, layer: Layer, params: &CellParams) -> Vec<[f64; 2]> {
         let (own, other) = (self.surface(), target.surface());
+        let (own_band, other_band) = (own.band(layer), other.band(layer));
         let all = other.columns * other.rows;
-        let has_pattern = |surface: &Surface, cell: usize| surface.deviations[cell] >= params.min_deviation;
         let found = |cell: usize| {
-            own.planes[cell].filter(|_| has_pattern(own, cell))?;
+            own.planes[cell].filter(|_| own_band.deviations[cell] >= params.min_deviation)?;
             let is_like = |there: &usize| {
-                let ratio = other.contrasts[*there] / own.contrasts[cell];
-                has_pattern(other, *there) && (LIKE.recip()..LIKE).contains(&ratio)
+                let ratio = other_band.contrasts[*there] / own_band.contrasts[cell];
+                other_band.deviations[*there] >= params.min_deviation && (LIKE.recip()..LIKE).contains(&ratio)
             };
             // From far away in the image on, another each.
             let from = cell + all / 2 + (cell * 7919) % (all / 3).max(1);
             let there = (0..all / 3).map(|step| (from + step) % all).find(is_like)?;
             let [x, y] = other.middle(there);
-            let patch = patch(own.cell, params.radius, |dx, dy| value(other, [x + dx, y + dy]))?;
-            Some([own.contrasts[cell], best_correlation(own, cell, &patch, params.radius)?])
+            let patch = patch(own.cell, params.radius, |dx, dy| value(other, layer, [x + dx, y + dy]))?;
+            Some([own_band.contrasts[cell], best_correlation(own, layer, cell, &patch, params.radius)?])
         };
         (0..own.planes.len()).filter_map(found).collect()
     }
@@ -137,12 +147,13 @@ impl Warp<'_> {
 fn footprint_patch(
     own: &Surface,
     other: &Surface,
+    layer: Layer,
     footprint: &Footprint,
     params: &CellParams,
 ) -> Option<Vec<f32>> {
     let Footprint { middle, along: [along, down], .. } = footprint;
     patch(own.cell, params.radius, |dx, dy| {
-        value(other, [0, 1].map(|axis| middle[axis] + along[axis] * dx + down[axis] * dy))
+        value(other, layer, [0, 1].map(|axis| middle[axis] + along[axis] * dx + down[axis] * dy))
     })
 }
 
@@ -153,8 +164,8 @@ fn patch(cell: usize, radius: usize, at: impl Fn(f64, f64) -> Option<f32>) -> Op
     (0..side * side).map(|i| at((i % side) as f64 - half, (i / side) as f64 - half)).collect()
 }
 
-/// The band between pixels; nothing outside the image.
-fn value(surface: &Surface, [x, y]: [f64; 2]) -> Option<f32> {
+/// The band between pixels; nothing outside the image, and no number where a pixel around has none.
+fn value(surface: &Surface, layer: Layer, [x, y]: [f64; 2]) -> Option<f32> {
     let (width, height) = (surface.width(), surface.camera.height);
     let inside = x >= 0.0 && y >= 0.0 && x < (width - 1) as f64 && y < (height - 1) as f64;
     if !inside {
@@ -162,46 +173,66 @@ fn value(surface: &Surface, [x, y]: [f64; 2]) -> Option<f32> {
     }
     let (left, top) = (x as usize, y as usize);
     let (dx, dy) = ((x - left as f64) as f32, (y - top as f64) as f32);
+    let band = &surface.band(layer).values;
     let row = |y: usize| {
         let at = y * width + left;
-        surface.band[at] + dx * (surface.band[at + 1] - surface.band[at])
+        band[at] + dx * (band[at + 1] - band[at])
     };
     let above = row(top);
     Some(above + dy * (row(top + 1) - above))
 }
 
-/// The largest correlation of a cell's band with a patch around it, between whole pixels by a parabola.
-fn best_correlation(own: &Surface, cell: usize, patch: &[f32], radius: usize) -> Option<f64> {
+/// The largest correlation of a cell's band with a patch around it, between whole pixels by a parabola; nothing where too few pixels
+/// of both have a value.
+fn best_correlation(own: &Surface, layer: Layer, cell: usize, patch: &[f32], radius: usize) -> Option<f64> {
     let (size, side) = (own.cell, own.cell + 2 * radius);
     let first = cell / own.columns * size * own.width() + cell % own.columns * size;
-    let count = (size * size) as f64;
-    let rows = |y: usize| &own.band[first + y * own.width()..][..size];
-    let (mut sum, mut square) = (0.0f32, 0.0f32);
-    for v in (0..size).flat_map(rows) {
-        sum += v;
-        square += v * v;
-    }
-    let mean = f64::from(sum) / count;
-    let own_variance = f64::from(square) / count - mean * mean;
+    let rows = |y: usize| &own.band(layer).values[first + y * own.width()..][..size];
     let shifts = 2 * radius + 1;
     let correlation = |shift: usize| {
         let (sx, sy) = (shift % shifts, shift / shifts);
-        let (mut sum, mut square, mut product) = (0.0f32, 0.0f32, 0.0f32);
+        let mut sums = Sums::default();
         for y in 0..size {
             let there = &patch[(y + sy) * side + sx..][..size];
-            for (a, b) in rows(y).iter().zip(there) {
-                sum += b;
-                square += b * b;
-                product += a * b;
-            }
+            rows(y).iter().zip(there).for_each(|(a, b)| sums.add(*a, *b));
         }
-        let other = f64::from(sum) / count;
-        let variance = f64::from(square) / count - other * other;
-        let scale = (own_variance * variance).sqrt();
-        if scale > 1e-6 { (f64::from(product) / count - mean * other) / scale } else { 0.0 }
+        (sums.count >= MIN_SHARE * (size * size) as f32).then(|| sums.correlation())
     };
-    let all: Vec<f64> = (0..shifts * shifts).map(correlation).collect();
+    let all: Vec<f64> = (0..shifts * shifts).map(correlation).collect::<Option<_>>()?;
     (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b])).map(|best| peak(&all, shifts, best))
+}
+
+/// Sums over pairs of values; those without a number count nothing.
+#[derive(Default)]
+struct Sums {
+    count: f32,
+    sum: [f32; 2],
+    square: [f32; 2],
+    product: f32,
+}
+
+impl Sums {
+    #[inline]
+    fn add(&mut self, a: f32, b: f32) {
+        let product = a * b;
+        let (weight, a, b, product) =
+            if product.is_nan() { (0.0, 0.0, 0.0, 0.0) } else { (1.0, a, b, product) };
+        self.count += weight;
+        self.sum[0] += a;
+        self.sum[1] += b;
+        self.square[0] += a * a;
+        self.square[1] += b * b;
+        self.product += product;
+    }
+
+    /// −1 to 1; 0 where either side is plain.
+    fn correlation(&self) -> f64 {
+        let count = f64::from(self.count);
+        let means = self.sum.map(|sum| f64::from(sum) / count);
+        let variance = |side: usize| f64::from(self.square[side]) / count - means[side] * means[side];
+        let scale = (variance(0) * variance(1)).sqrt();
+        if scale > 1e-6 { (f64::from(self.product) / count - means[0] * means[1]) / scale } else { 0.0 }
+    }
 }
 
 /// The top of the parabolas through a largest value and its neighbours in rows and columns.
@@ -268,12 +299,17 @@ mod tests {
         let params = CellParams::default();
         let (here, there, other) = (wall(1, 0.0), wall(1, 0.1), wall(2, 0.1));
         let moved = Sim3::from(Se3::new(UnitQuaternion::identity(), Vector3::new(-0.1, 0.0, 0.0)));
-        let agreement = |target: &KeyframeView| {
-            mean(here.match_cells(target, &moved, &params).iter().map(|cell| cell.correlation))
-        };
-        let by_chance =
-            mean(here.mismatch_cells(&there, &params).iter().map(|[_, correlation]| *correlation));
-        let (one, two) = (agreement(&there), agreement(&other));
-        assert!(one > 0.8 && two < 0.4 && (two - by_chance).abs() < 0.05, "{one} {two} {by_chance}");
+        for layer in Layer::ALL {
+            let agreement = |target: &KeyframeView| {
+                let found = here.match_cells(target, &moved, &params);
+                let found = found.iter().filter(|found| found.layer == layer);
+                mean(found.map(|cell| cell.correlation))
+            };
+            let by_chance = here.mismatch_cells(&there, layer, &params);
+            let by_chance = mean(by_chance.iter().map(|[_, correlation]| *correlation));
+            let (one, two) = (agreement(&there), agreement(&other));
+            let is_told = one > 0.8 && two < 0.4 && (two - by_chance).abs() < 0.05;
+            assert!(is_told, "{layer:?} {one} {two} {by_chance}");
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! similarity between the keyframes and an affine change of brightness; coarse to fine. The depth
 //! residual is what fixes the scale. A loop is trusted when the alignments both ways agree.
 
+mod band;
 mod cells;
 mod compare;
 mod foreground;
@@ -18,6 +19,7 @@ mod view;
 #[cfg(test)]
 mod tests;
 
+pub use band::{GrainParams, Layer};
 pub use cells::{CellMatch, CellParams};
 pub use compare::{CompareParams, Comparison, compare};
 pub use params::Sim3AlignParams;

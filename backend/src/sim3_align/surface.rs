@@ -4,6 +4,7 @@
 //! where there are none. Along a plane inverse depth is an affine function of the pixel, so a cell's plane comes from depths
 //! in it or, where it has too few, from those around it on all sides.
 
+use super::band::{Band, GrainParams, Grid, Layer, box_means, grain};
 use super::view::LevelDepth;
 use crate::params;
 use geometry::{Pinhole, Pyramid};
@@ -29,6 +30,8 @@ params! {
         pub relative: f64 = 0.01,
         /// Least share of them that must. Range 0.5–1.
         pub min_share: f64 = 0.8,
+        /// What is between the edges.
+        pub grain: GrainParams = GrainParams::default(),
     }
 }
 
@@ -48,17 +51,12 @@ pub struct Surface {
     pub(super) cell: usize,
     pub(super) columns: usize,
     pub(super) rows: usize,
-    /// The image without its local mean, grey levels, by rows.
-    pub(super) band: Vec<f32>,
     /// Of each cell, by rows.
     pub(super) planes: Vec<Option<Plane>>,
-    /// Of each cell, the contrast: the standard deviation of the band over the mean intensity.
-    pub(super) contrasts: Vec<f64>,
-    /// Of each cell, the standard deviation of the band, grey levels.
-    pub(super) deviations: Vec<f64>,
-    /// Of each cell, how much less its band changes along one direction than across it, 0 for an edge to 1 for grain: the ratio of
-    /// the eigenvalues of the structure tensor (Förstner and Gülch 1987).
-    pub(super) roundness: Vec<f64>,
+    /// Edges and all between them.
+    pub(super) pattern: Band,
+    /// What is between the edges.
+    pub(super) grain: Band,
 }
 
 impl Surface {
@@ -78,40 +76,30 @@ impl Surface {
         let grey: Vec<f32> = image.data().iter().map(|&v| f32::from(v)).collect();
         let radius = ((params.band * cell as f64).round() as usize).max(1);
         let means = box_means(&grey, width, height, radius);
-        let band: Vec<f32> = grey.iter().zip(&means).map(|(v, mean)| v - mean).collect();
+        let band = grey.iter().zip(&means).map(|(v, mean)| v - mean).collect();
+        let grain = grain(&grey, &means, width, &params.grain);
         let points = points_of(&depths[level], cell, columns, rows);
         let planes = (0..rows * columns)
             .map(|i| plane(&points, [i % columns, i / columns], [cell, columns, rows], params));
         let planes = planes.collect();
-        let moments = |i: usize| {
-            let (x0, y0) = (i % columns * cell, i / columns * cell);
-            let (mut square, mut sum) = (0.0f64, 0.0f64);
-            for y in y0..y0 + cell {
-                for x in x0..x0 + cell {
-                    square += f64::from(band[y * width + x]).powi(2);
-                    sum += f64::from(grey[y * width + x]);
-                }
-            }
-            let count = (cell * cell) as f64;
-            ((square / count).sqrt(), sum / count)
-        };
-        let moments: Vec<(f64, f64)> = (0..rows * columns).map(moments).collect();
-        let roundness = (0..rows * columns)
-            .map(|i| roundness(&band, width, [i % columns * cell, i / columns * cell], cell));
-        let roundness = roundness.collect();
-        let deviations = moments.iter().map(|(deviation, _)| *deviation).collect();
-        let contrasts = moments.iter().map(|(deviation, mean)| deviation / mean.max(1.0)).collect();
+        let grid = Grid { width, cell, columns, rows };
         Self {
             level,
             camera: camera.at_level(level),
             cell,
             columns,
             rows,
-            band,
             planes,
-            contrasts,
-            deviations,
-            roundness,
+            pattern: Band::new(band, &grey, &grid),
+            grain: Band::new(grain, &grey, &grid),
+        }
+    }
+
+    /// What is compared of the cells.
+    pub(super) fn band(&self, layer: Layer) -> &Band {
+        match layer {
+            Layer::Pattern => &self.pattern,
+            Layer::Grain => &self.grain,
         }
     }
 
@@ -140,22 +128,6 @@ impl Surface {
         let [x0, y0] = self.middle(cell);
         Some(plane.at + plane.along[0] * (x - x0) + plane.along[1] * (y - y0))
     }
-}
-
-/// The ratio of the eigenvalues of the structure tensor of a cell's band.
-fn roundness(band: &[f32], width: usize, [x0, y0]: [usize; 2], cell: usize) -> f64 {
-    let (mut xx, mut xy, mut yy) = (0.0f64, 0.0f64, 0.0f64);
-    for y in y0..y0 + cell - 1 {
-        for x in x0..x0 + cell - 1 {
-            let at = |x: usize, y: usize| f64::from(band[y * width + x]);
-            let (dx, dy) = (at(x + 1, y) - at(x, y), at(x, y + 1) - at(x, y));
-            xx += dx * dx;
-            xy += dx * dy;
-            yy += dy * dy;
-        }
-    }
-    let (mean, off) = (0.5 * (xx + yy), (0.25 * (xx - yy).powi(2) + xy * xy).sqrt());
-    if mean > 0.0 { (mean - off) / (mean + off) } else { 0.0 }
 }
 
 /// A depth: pixel, inverse depth and its standard deviation.
@@ -235,41 +207,9 @@ fn fit(points: &[Depth], [x0, y0]: [f64; 2], params: &SurfaceParams) -> Option<P
     holds.then_some(Plane { at: plane[0], along: [plane[1], plane[2]] })
 }
 
-/// The mean over the square of so many pixels to each side of each pixel, cut at the border.
-fn box_means(values: &[f32], width: usize, height: usize, radius: usize) -> Vec<f32> {
-    let mut sums = vec![0.0f64; (width + 1) * (height + 1)];
-    for y in 0..height {
-        let mut row = 0.0;
-        for x in 0..width {
-            row += f64::from(values[y * width + x]);
-            sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
-        }
-    }
-    let mean = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(width));
-        let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
-        let at = |x: usize, y: usize| sums[y * (width + 1) + x];
-        let sum = at(right, bottom) - at(left, bottom) - at(right, top) + at(left, top);
-        (sum / ((right - left) * (bottom - top)) as f64) as f32
-    };
-    (0..width * height).map(mean).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn means_are_over_the_square() {
-        let values: Vec<f32> = (0..35).map(|i| ((i * 37) % 11) as f32).collect();
-        let means = box_means(&values, 7, 5, 2);
-        for (i, mean) in means.iter().enumerate() {
-            let near = |j: &usize| (j % 7).abs_diff(i % 7) <= 2 && (j / 7).abs_diff(i / 7) <= 2;
-            let around: Vec<f32> = (0..35).filter(near).map(|j| values[j]).collect();
-            assert!((mean - around.iter().sum::<f32>() / around.len() as f32).abs() < 1e-5);
-        }
-    }
 
     /// Depths of a slanted plane around a bare cell, a tenth of them wrong.
     #[test]

@@ -5,7 +5,7 @@
 //! all know and the other map does not is another surface. So the likelihood of a correlation is that of cells whose own maps know them as
 //! well, against that of unrelated cells of as much contrast.
 
-use backend::sim3_align::CellMatch;
+use backend::sim3_align::{CellMatch, Layer};
 
 /// Bins of contrast, evenly spread over its logarithm, and the least and the most.
 const CONTRASTS: usize = 16;
@@ -24,6 +24,21 @@ const PSEUDO: f64 = 2.0;
 
 /// Probability that a cell is hidden where the other keyframe knows no depth: as likely as not, for nothing is known of it.
 const HIDDEN: f64 = 0.5;
+
+/// Densities of correlations of each layer.
+pub(super) struct Agreements([Agreement; 2]);
+
+impl Agreements {
+    /// From those of a layer.
+    pub fn new(of: impl Fn(Layer) -> Agreement) -> Self {
+        Self([of(Layer::Pattern), of(Layer::Grain)])
+    }
+
+    /// Those of a layer.
+    pub fn of(&self, layer: Layer) -> &Agreement {
+        &self.0[layer as usize]
+    }
+}
 
 /// Densities of correlations.
 pub(super) struct Agreement {
@@ -121,7 +136,8 @@ mod tests {
 
     fn cell(contrast: f64, correlation: f64, is_visible: bool) -> CellMatch {
         let centre = nalgebra::Vector3::z();
-        CellMatch { cell: 0, centre, width: 0.1, contrast, roundness: 0.7, correlation, is_visible }
+        let layer = Layer::Pattern;
+        CellMatch { cell: 0, layer, centre, width: 0.1, contrast, roundness: 0.7, correlation, is_visible }
     }
 
     /// Cells that their own map knows again and the other does not are another surface; those that it does not know say nothing.

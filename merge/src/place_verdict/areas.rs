@@ -12,33 +12,27 @@ pub(super) struct Spot {
     pub position: Vector3<f64>,
     /// Its width there.
     pub width: f64,
-    /// Standard deviation of its band over the mean intensity.
-    pub contrast: f64,
-    /// 0 for an edge to 1 for grain.
-    pub roundness: f64,
+    /// What of it they saw.
+    pub kind: PieceKind,
     /// `ln p(what both saw | one surface) − ln p(… | unrelated)`.
     pub ln_agreement: f64,
 }
 
-type Key = [i64; 3];
+/// A cube, and what is looked at of the surface in it.
+type Key = (PieceKind, [i64; 3]);
 
 /// What all keyframes together saw of the surface in a cube.
 #[derive(Clone, Copy, Debug, Default)]
 struct Cube {
     count: f64,
-    contrast: f64,
-    roundness: f64,
     ln_agreement: f64,
 }
 
-/// What is said of a cube: whether it is wear, and whether it agrees; nothing where it hardly speaks against one surface.
+/// What is said of a cube: what was looked at, and whether it agrees; nothing where it hardly speaks against one surface.
 type Class = (PieceKind, bool);
 
 impl Cube {
-    fn class(&self, params: &PlaceParams) -> Option<Class> {
-        let is_wear =
-            self.contrast <= params.max_wear_contrast && self.roundness >= params.min_wear_roundness;
-        let kind = if is_wear { PieceKind::Wear } else { PieceKind::Look };
+    fn class(&self, kind: PieceKind, params: &PlaceParams) -> Option<Class> {
         let (agrees, differs) = (self.ln_agreement > 0.0, self.ln_agreement <= -params.min_difference);
         (agrees || differs).then_some((kind, agrees))
     }
@@ -117,16 +111,12 @@ fn cubes(spots: &[Spot]) -> BTreeMap<Key, Cube> {
     let mut cubes: BTreeMap<Key, Cube> = BTreeMap::new();
     let Some(&side) = widths.get(widths.len() / 2).filter(|side| **side > 0.0) else { return cubes };
     for spot in spots {
-        let key = [0, 1, 2].map(|axis| (spot.position[axis] / side).floor() as i64);
-        let cube = cubes.entry(key).or_default();
+        let at = [0, 1, 2].map(|axis| (spot.position[axis] / side).floor() as i64);
+        let cube = cubes.entry((spot.kind, at)).or_default();
         cube.count += 1.0;
-        cube.contrast += spot.contrast;
-        cube.roundness += spot.roundness;
         cube.ln_agreement += spot.ln_agreement;
     }
     for cube in cubes.values_mut() {
-        cube.contrast /= cube.count;
-        cube.roundness /= cube.count;
         cube.ln_agreement /= cube.count;
     }
     cubes
@@ -134,7 +124,7 @@ fn cubes(spots: &[Spot]) -> BTreeMap<Key, Cube> {
 
 /// The areas that cubes make.
 fn areas(cubes: &BTreeMap<Key, Cube>, params: &PlaceParams) -> Vec<Area> {
-    let classed = |(key, cube): (&Key, &Cube)| Some((*key, (cube.class(params)?, cube.ln_agreement)));
+    let classed = |(key, cube): (&Key, &Cube)| Some((*key, (cube.class(key.0, params)?, cube.ln_agreement)));
     let mut left: BTreeMap<Key, (Class, f64)> = cubes.iter().filter_map(classed).collect();
     let mut areas = Vec::new();
     while let Some((key, (class, ln_agreement))) = left.pop_first() {
@@ -155,21 +145,21 @@ fn areas(cubes: &BTreeMap<Key, Cube>, params: &PlaceParams) -> Vec<Area> {
 }
 
 /// The 26 cubes around one.
-fn around([x, y, z]: Key) -> impl Iterator<Item = Key> {
+fn around((kind, [x, y, z]): Key) -> impl Iterator<Item = Key> {
     let offsets = (0..27).filter(|i| *i != 13).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]);
-    offsets.map(move |[dx, dy, dz]| [x + dx, y + dy, z + dz])
+    offsets.map(move |[dx, dy, dz]| (kind, [x + dx, y + dy, z + dz]))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn spot(x: f64, contrast: f64, ln_agreement: f64) -> Spot {
-        Spot { position: Vector3::new(x + 0.5, 0.5, 0.5), width: 1.0, contrast, roundness: 0.7, ln_agreement }
+    fn spot(x: f64, kind: PieceKind, ln_agreement: f64) -> Spot {
+        Spot { position: Vector3::new(x + 0.5, 0.5, 0.5), width: 1.0, kind, ln_agreement }
     }
 
     fn row(of: std::ops::Range<usize>, ln_agreement: f64) -> Vec<Spot> {
-        of.map(|x| spot(x as f64, 0.2, ln_agreement)).collect()
+        of.map(|x| spot(x as f64, PieceKind::Look, ln_agreement)).collect()
     }
 
     fn says(spots: &[Spot], noise: &Noise) -> Vec<(f64, f64)> {
@@ -185,6 +175,10 @@ mod tests {
         assert_eq!(found, [(2.0, 8.0), (1.0, -6.0), (0.25, 2.0)]);
         assert_eq!(says(&spots.repeat(3), &Noise::default()), found);
         assert!(says(&[], &Noise::default()).is_empty());
+        // What lies between the edges speaks for itself.
+        let wear = |x: usize| spot(x as f64, PieceKind::Wear, -3.0);
+        let both = [row(0..8, 2.0), vec![wear(2), wear(3)]].concat();
+        assert_eq!(says(&both, &Noise::default()), [(2.0, 8.0), (1.0, -6.0)]);
     }
 
     /// One map, seen twice, has four areas that differ by noise: two are expected in each half as much surface.

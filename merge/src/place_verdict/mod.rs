@@ -4,7 +4,8 @@
 //! What it should look like there if it is one surface, its own map says (`own`): keyframes that are as far aside of each
 //! other show what noise, blur, exposure, gleams and errors of pose and depth make of each cell, and how large the areas are that
 //! differ and are one. How alike unrelated cells look is measured on cells of the one map and wrong ones of the other, by their contrast. The
-//! ratio of both is what a cell says; cells that hang together are one piece (`areas`), and pieces are weighed as for all sensors
+//! ratio of both is what a cell says. A cell is compared twice, as a whole and [between its edges](Layer::Grain) only: edges are made in
+//! numbers and outweigh the grain around them. Cells that hang together are one piece (`areas`), and pieces are weighed as for all sensors
 //! ([`backend::verdict`]).
 
 mod agreement;
@@ -14,10 +15,10 @@ mod seen;
 
 use crate::acceptance::PlaceEvidence;
 use crate::prepared::PreparedMap;
-use agreement::Agreement;
+use agreement::{Agreement, Agreements};
 use areas::{Noise, Spot, pieces};
 use backend::params;
-use backend::sim3_align::{CellMatch, CellParams};
+use backend::sim3_align::{CellMatch, CellParams, Layer};
 use backend::verdict::weigh;
 pub use backend::verdict::{Answer, Piece, PieceKind, Prior, Weighed};
 use map::Edge;
@@ -64,15 +65,17 @@ pub fn place_verdict(
     params: &PlaceParams,
 ) -> PlaceVerdict {
     let sides = Sides::new(source, target, edges, params);
-    let other = unrelated(source, target, edges, params);
-    let agreement =
-        Agreement::new(sides.of_source.samples().chain(sides.of_target.samples()), other.into_iter());
-    let passes = [sides.of_source.passes(&agreement), sides.of_target.passes(&agreement)].concat();
+    let agreements = Agreements::new(|layer| {
+        let same = sides.of_source.samples(layer).chain(sides.of_target.samples(layer));
+        Agreement::new(same, unrelated(source, target, edges, layer, params).into_iter())
+    });
+    let passes =
+        [sides.of_source.passes(&agreements, params), sides.of_target.passes(&agreements, params)].concat();
     let noise = Noise::new(&passes, params);
     let spots: Vec<Vec<Spot>> = edges
         .par_iter()
         .enumerate()
-        .map(|edge| spots(source, target, edge, &sides, &agreement, params).unwrap_or_default())
+        .map(|edge| spots(source, target, edge, &sides, &agreements, params).unwrap_or_default())
         .collect();
     let weighed = weigh(&pieces(&spots.concat(), &noise, params), &params.prior);
     PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &params.prior), weighed }
@@ -100,11 +103,12 @@ fn unrelated(
     source: &PreparedMap,
     target: &PreparedMap,
     edges: &[Edge],
+    layer: Layer,
     params: &PlaceParams,
 ) -> Vec<[f64; 2]> {
     let found = |edge: &Edge| -> Option<Vec<[f64; 2]>> {
         let (a, b) = (source.get(edge.to)?.view(), target.get(edge.from)?.view());
-        Some([a.mismatch_cells(b, &params.cells), b.mismatch_cells(a, &params.cells)].concat())
+        Some([a.mismatch_cells(b, layer, &params.cells), b.mismatch_cells(a, layer, &params.cells)].concat())
     };
     let found: Vec<Option<Vec<[f64; 2]>>> = edges.par_iter().map(found).collect();
     found.into_iter().flatten().flatten().collect()
@@ -116,17 +120,17 @@ fn spots(
     target: &PreparedMap,
     (number, edge): (usize, &Edge),
     sides: &Sides,
-    agreement: &Agreement,
+    agreements: &Agreements,
     params: &PlaceParams,
 ) -> Option<Vec<Spot>> {
     let (a, b) = (source.get(edge.to)?.view(), target.get(edge.from)?.view());
     let (b_from_a, world_from_b) = (edge.from_from_to, target.world_from(edge.from)?);
     let world_from_a = world_from_b * b_from_a;
     let of_a = |cell: &CellMatch| {
-        Some(spot(cell, &world_from_a, sides.of_source.known(number, cell.cell)?, agreement))
+        spot(cell, &world_from_a, sides.of_source.known(number, cell)?, agreements, params)
     };
     let of_b = |cell: &CellMatch| {
-        Some(spot(cell, &world_from_b, sides.of_target.known(number, cell.cell)?, agreement))
+        spot(cell, &world_from_b, sides.of_target.known(number, cell)?, agreements, params)
     };
     let there = a.match_cells(b, &b_from_a, &params.cells);
     let back = b.match_cells(a, &b_from_a.inverse(), &params.cells);

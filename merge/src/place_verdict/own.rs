@@ -1,10 +1,11 @@
 //! What one map shows of its own surface: the measure of what keyframes of one surface see differently.
 
 use super::PlaceParams;
-use super::agreement::Agreement;
+use super::agreement::Agreements;
 use super::areas::Spot;
 use crate::prepared::PreparedMap;
-use backend::sim3_align::CellMatch;
+use backend::sim3_align::{CellMatch, Layer};
+use backend::verdict::PieceKind;
 use geometry::Sim3;
 use map::KeyframeId;
 use rayon::prelude::*;
@@ -37,8 +38,8 @@ type SeenByPartner = (usize, usize, Sim3, Vec<CellMatch>);
 /// Cells of keyframes of one map in others of it.
 pub(super) struct Own {
     seen: Vec<SeenByPartner>,
-    /// Of each cell, by the number of the keyframe, the sum of its correlations, and of how many.
-    sums: BTreeMap<(usize, usize), (f64, usize)>,
+    /// Of each cell and layer, by the number of the keyframe, the sum of its correlations, and of how many.
+    sums: BTreeMap<(usize, usize, Layer), (f64, usize)>,
 }
 
 impl Own {
@@ -59,9 +60,9 @@ impl Own {
         };
         let found: Vec<_> = pairs.par_iter().map(found).collect();
         let seen: Vec<_> = found.into_iter().flatten().collect();
-        let mut sums: BTreeMap<(usize, usize), (f64, usize)> = BTreeMap::new();
+        let mut sums: BTreeMap<(usize, usize, Layer), (f64, usize)> = BTreeMap::new();
         for (number, cell) in visible(&seen) {
-            let (sum, count) = sums.entry((number, cell.cell)).or_default();
+            let (sum, count) = sums.entry((number, cell.cell, cell.layer)).or_default();
             *sum += cell.correlation;
             *count += 1;
         }
@@ -70,30 +71,30 @@ impl Own {
 
     /// How well its map knows a cell of the keyframe that was looked at as number `number`: its mean correlation in other keyframes,
     /// −1 to 1; nothing where none shows it.
-    pub fn known(&self, number: usize, cell: usize) -> Option<f64> {
-        self.sums.get(&(number, cell)).map(|(sum, count)| sum / *count as f64)
+    pub fn known(&self, number: usize, cell: &CellMatch) -> Option<f64> {
+        self.sums.get(&(number, cell.cell, cell.layer)).map(|(sum, count)| sum / *count as f64)
     }
 
     /// The same without the keyframe that a match is of.
     fn known_without(&self, number: usize, cell: &CellMatch) -> Option<f64> {
-        let &(sum, count) = self.sums.get(&(number, cell.cell))?;
+        let &(sum, count) = self.sums.get(&(number, cell.cell, cell.layer))?;
         let own = if cell.is_visible { (cell.correlation, 1) } else { (0.0, 0) };
         (count > own.1).then(|| (sum - own.0) / (count - own.1) as f64)
     }
 
-    /// Of each match how well other keyframes know the cell, and its correlation.
-    pub fn samples(&self) -> impl Iterator<Item = [f64; 2]> + '_ {
+    /// Of each match of a layer how well other keyframes know the cell, and its correlation.
+    pub fn samples(&self, layer: Layer) -> impl Iterator<Item = [f64; 2]> + '_ {
         let of =
             |(number, cell): (usize, &CellMatch)| Some([self.known_without(number, cell)?, cell.correlation]);
-        visible(&self.seen).filter_map(of)
+        visible(&self.seen).filter(move |(_, cell)| cell.layer == layer).filter_map(of)
     }
 
     /// The cells in their world, each keyframe's seen by one of its partners, then by the next.
-    pub fn passes(&self, agreement: &Agreement) -> Vec<Vec<Spot>> {
+    pub fn passes(&self, agreements: &Agreements, params: &PlaceParams) -> Vec<Vec<Spot>> {
         let mut passes = vec![Vec::new(); PARTNERS];
         for (number, rank, world, cells) in &self.seen {
             let spot =
-                |cell: &CellMatch| Some(spot(cell, world, self.known_without(*number, cell)?, agreement));
+                |cell: &CellMatch| spot(cell, world, self.known_without(*number, cell)?, agreements, params);
             passes[*rank].extend(cells.iter().filter_map(spot));
         }
         passes
@@ -106,15 +107,27 @@ fn visible(seen: &[SeenByPartner]) -> impl Iterator<Item = (usize, &CellMatch)> 
     all.filter(|(_, cell)| cell.is_visible)
 }
 
-/// What a match says of the surface, by how well the cell is known, and where the source's camera is.
-pub(super) fn spot(cell: &CellMatch, world_from_source: &Sim3, known: f64, agreement: &Agreement) -> Spot {
-    Spot {
+/// What a match says of the surface, by how well the cell is known, and where the source's camera is; nothing where the other layer
+/// says it.
+pub(super) fn spot(
+    cell: &CellMatch,
+    world_from_source: &Sim3,
+    known: f64,
+    agreements: &Agreements,
+    params: &PlaceParams,
+) -> Option<Spot> {
+    let is_wear = cell.contrast <= params.max_wear_contrast && cell.roundness >= params.min_wear_roundness;
+    let kind = match (cell.layer, is_wear) {
+        (Layer::Pattern, false) => PieceKind::Look,
+        (Layer::Grain, true) => PieceKind::Wear,
+        (Layer::Pattern, true) | (Layer::Grain, false) => return None,
+    };
+    Some(Spot {
         position: *world_from_source * cell.centre,
         width: cell.width * world_from_source.scale,
-        contrast: cell.contrast,
-        roundness: cell.roundness,
-        ln_agreement: agreement.ln_ratio(cell, known),
-    }
+        kind,
+        ln_agreement: agreements.of(cell.layer).ln_ratio(cell, known),
+    })
 }
 
 /// How far aside another camera is from a keyframe and how far it is turned: the angle that what is seen moves by, radians.

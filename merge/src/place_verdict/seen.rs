@@ -1,14 +1,14 @@
 //! Whether frames show the place of a map that they were found at: as for two maps, by what its keyframes saw of their surface and what
 //! becomes of it in the frames, which need no depth of their own.
 
-use super::agreement::Agreement;
+use super::agreement::{Agreement, Agreements};
 use super::areas::{Noise, Spot, pieces};
 use super::own::{Looked, Own, spot};
 use super::{PlaceParams, PlaceVerdict, weigh};
 use crate::acceptance::PlaceEvidence;
 use crate::overlap::share_seen;
 use crate::prepared::PreparedMap;
-use backend::sim3_align::{CellMatch, KeyframeView};
+use backend::sim3_align::{CellMatch, KeyframeView, Layer};
 use geometry::Sim3;
 use map::KeyframeId;
 use rayon::prelude::*;
@@ -44,12 +44,14 @@ pub fn frames_verdict(map: &PreparedMap, frames: &[SeenFrame], params: &PlacePar
         .map(|pair| Looked::at(map, pair.keyframe, &pair.frame_from_keyframe.inverse()))
         .collect();
     let own = Own::new(map, &looked, params);
-    let agreement = Agreement::new(own.samples(), unrelated(map, &pairs, params).into_iter());
-    let noise = Noise::new(&own.passes(&agreement), params);
+    let agreements = Agreements::new(|layer| {
+        Agreement::new(own.samples(layer), unrelated(map, &pairs, layer, params).into_iter())
+    });
+    let noise = Noise::new(&own.passes(&agreements, params), params);
     let spots = |(number, pair): (usize, &Pair)| -> Option<Vec<Spot>> {
         let (view, world) = (map.get(pair.keyframe)?.view(), map.world_from(pair.keyframe)?);
         let cells = view.match_cells(pair.frame, &pair.frame_from_keyframe, &params.cells);
-        let of = |cell: &CellMatch| Some(spot(cell, &world, own.known(number, cell.cell)?, &agreement));
+        let of = |cell: &CellMatch| spot(cell, &world, own.known(number, cell)?, &agreements, params);
         Some(cells.iter().filter_map(of).collect())
     };
     let spots: Vec<Option<Vec<Spot>>> = pairs.par_iter().enumerate().map(spots).collect();
@@ -73,8 +75,9 @@ fn compared<'a>(map: &PreparedMap, frame: &'a SeenFrame) -> Vec<Pair<'a>> {
 }
 
 /// Contrast and correlation of cells of the keyframes with wrong ones of the frames.
-fn unrelated(map: &PreparedMap, pairs: &[Pair], params: &PlaceParams) -> Vec<[f64; 2]> {
-    let found = |pair: &Pair| Some(map.get(pair.keyframe)?.view().mismatch_cells(pair.frame, &params.cells));
+fn unrelated(map: &PreparedMap, pairs: &[Pair], layer: Layer, params: &PlaceParams) -> Vec<[f64; 2]> {
+    let found =
+        |pair: &Pair| Some(map.get(pair.keyframe)?.view().mismatch_cells(pair.frame, layer, &params.cells));
     let found: Vec<Option<Vec<[f64; 2]>>> = pairs.par_iter().map(found).collect();
     found.into_iter().flatten().flatten().collect()
 }
