@@ -20,6 +20,7 @@ fn small_map(name: &str, width: usize) -> Map {
             frame_index: id.0.into(),
             world_from_keyframe: Sim3::new(Default::default(), [x, 0.0, 0.0].into(), 1.0),
             image: Arc::new(GrayImage::filled(width, 8, width as u8)),
+            color: None,
             scan: None,
             semi_dense: SemiDense {
                 pixel: vec![7].into(),

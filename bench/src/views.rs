@@ -131,6 +131,7 @@ mod tests {
             frame_index: 0,
             world_from_keyframe: Sim3::new(UnitQuaternion::identity(), Vector3::zeros(), 0.5),
             image: Arc::new(GrayImage::filled(40, 30, 0)),
+            color: None,
             scan: None,
             semi_dense: map::SemiDense {
                 inverse_depth: vec![1.0; 1200].into(),

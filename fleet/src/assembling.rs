@@ -8,9 +8,10 @@ use crate::manifest::{Entry, Kind, Manifest, Page, PageRef, page_from_bytes};
 use crate::store::Objects;
 use geometry::{GrayImage, Pinhole, Sim3};
 use map::parts::{
-    agent_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes, scan_from_bytes, time_from_bytes,
+    agent_from_bytes, color_from_bytes, depth_from_bytes, graph_from_bytes, image_from_bytes,
+    scan_from_bytes, time_from_bytes,
 };
-use map::{AgentInfo, Edge, Identity, Keyframe, KeyframeId, Map, Sensor};
+use map::{AgentInfo, Color, Edge, Identity, Keyframe, KeyframeId, Map, Sensor};
 use place_recog::Vocabulary;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -84,6 +85,8 @@ struct Parts {
     view: Entry,
     depth: Entry,
     features: Option<ObjectHash>,
+    /// Where it has some, and they are here: nothing waits for them but the whole map.
+    color: Option<ObjectHash>,
 }
 
 /// How exactly the way from a keyframe to the next is taken to be known where its edge is not there: translation as a
@@ -143,6 +146,7 @@ impl Assembler {
             // An object may be gone or damaged here since it was seen: then it comes again.
             let parts = parts.filter(|_| keyframe.is_some());
             whole &= keyframe.is_some();
+            whole &= objects.entry(Kind::Color, number).is_none() || parts.is_some_and(|p| p.color.is_some());
             let keyframe = match keyframe {
                 Some(keyframe) => keyframe,
                 None => {
@@ -215,7 +219,14 @@ impl Assembler {
             },
             None => None,
         };
-        Ok(Some(Keyframe { features, ..keyframe }))
+        let color = match &parts.color {
+            Some(hash) => match bytes(hash) {
+                Some(color) => color_of(id, &color)?,
+                None => return Ok(None),
+            },
+            None => None,
+        };
+        Ok(Some(Keyframe { features, color, ..keyframe }))
     }
 
     /// What is told of a keyframe first; `None` while it is not there.
@@ -261,6 +272,14 @@ fn edge(from: &Keyframe, to: &Keyframe) -> Edge {
     let distance = from_from_to.translation.norm();
     let translation = translation * if distance > 0.0 { distance } else { 1.0 };
     Edge::odometry(from, to, [translation, rotation, scale])
+}
+
+/// The colours of a keyframe of their bytes.
+fn color_of(id: KeyframeId, bytes: &[u8]) -> Result<Option<Color>, String> {
+    match color_from_bytes(bytes)? {
+        (of, color) if of == id => Ok(color),
+        (of, _) => Err(format!("the colours of keyframe {} are listed as those of {}", of.0, id.0)),
+    }
 }
 
 /// An image of its bytes.
@@ -338,6 +357,7 @@ impl<'a> Listed<'a> {
         // What stands in for a depth has no time of its own.
         let lossy = || here(Kind::Digest).and_then(|_| here(Kind::LossyDepth));
         let depth = here(Kind::Depth).or_else(lossy)?;
-        Some(Parts { view, depth, features })
+        let color = here(Kind::Color).map(|entry| entry.hash);
+        Some(Parts { view, depth, features, color })
     }
 }

@@ -49,11 +49,13 @@ pub enum Kind {
     LossyDepth = 9,
     /// The points of a LiDAR's keyframe, [`map::parts::scan_to_bytes`].
     Scan = 10,
+    /// The colours of a keyframe's image, [`map::parts::color_to_bytes`].
+    Color = 11,
 }
 
 impl Kind {
     /// All kinds.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Agent,
         Self::Poses,
         Self::Digest,
@@ -63,6 +65,7 @@ impl Kind {
         Self::Depth,
         Self::Image,
         Self::Scan,
+        Self::Color,
         Self::Edges,
         Self::Frames,
     ];

@@ -7,7 +7,9 @@ use crate::manifest::{ENTRIES, Entry, Kind, MAX_OBJECT, Manifest, Page, PageRef,
 use crate::wire::MapVersion;
 use features::codec;
 use geometry::Pinhole;
-use map::parts::{GraphPart, agent_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes, scan_to_bytes};
+use map::parts::{
+    GraphPart, agent_to_bytes, color_to_bytes, depth_to_bytes, graph_to_bytes, image_to_bytes, scan_to_bytes,
+};
 use map::{AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor};
 use place_recog::{Vocabulary, WordBag};
 use std::collections::BTreeMap;
@@ -201,6 +203,13 @@ impl Step<'_> {
             self.add(Kind::LossyImage, number, image::encode(&keyframe.image).map_err(unwritable)?)?;
         } else {
             self.keep(Kind::LossyImage, number);
+        }
+        if let Some(color) = &keyframe.color {
+            let same = before.and_then(|before| before.color.as_ref());
+            let same = same.is_some_and(|same| Arc::ptr_eq(&same.jpeg, &color.jpeg));
+            if !same || !self.keep(Kind::Color, number) {
+                self.add(Kind::Color, number, color_to_bytes(keyframe.id, color))?;
+            }
         }
         let same_depth = |before: &Keyframe| {
             let shared = std::ptr::eq(&*before.semi_dense, &*keyframe.semi_dense);

@@ -8,8 +8,8 @@ use crate::wire::{Message, Role, VERSIONS};
 pub use geometry::Random;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{
-    AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
-    Scan, SemiDense, Sensor, Uuid,
+    AgentId, AgentInfo, Color, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Luma, Map,
+    Observation, Point, Scan, SemiDense, Sensor, Uuid,
 };
 use nalgebra::{SMatrix, SVector, Vector6};
 use std::collections::BTreeMap;
@@ -42,7 +42,8 @@ pub fn lidar_map(identity: Identity, keyframes: u32) -> Map {
         keyframe.scan = Some(Arc::new(Scan::new(points)));
         keyframe.image = Arc::new(GrayImage::filled(0, 0, 0));
         keyframe.world_from_keyframe.scale = 1.0;
-        (keyframe.semi_dense, keyframe.points, keyframe.features) = Default::default();
+        (keyframe.semi_dense, keyframe.points) = Default::default();
+        (keyframe.features, keyframe.color) = (None, None);
     }
     map
 }
@@ -75,6 +76,8 @@ fn grow(map: &mut Map, i: u32, numbers: &mut Random) {
         frame_index: u64::from(10 * i),
         world_from_keyframe: Sim3::exp(&SVector::<f64, 7>::from_fn(|_, _| numbers.unit() - 0.5)),
         image: Arc::new(GrayImage::from_vec(160, 120, pixels).unwrap()),
+        // Some have colours, which nothing looks into here.
+        color: (i % 3 == 1).then(|| Color { luma: Luma::Rec601, jpeg: [i as u8; 40].into() }),
         scan: None,
         semi_dense: semi_dense.into(),
         points,

@@ -1,6 +1,6 @@
 //! Keyframes, their inverse depth, and the edges between them.
 
-use crate::{AgentId, Scan, Shared};
+use crate::{AgentId, Color, Colors, Scan, Shared};
 use geometry::{Buffer, GrayImage, Sim3, Swap, median};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
@@ -28,6 +28,8 @@ pub struct Keyframe {
     pub world_from_keyframe: Sim3,
     /// The undistorted grey image, of the size of its agent's camera; without pixels where that is a LiDAR.
     pub image: Arc<GrayImage>,
+    /// The colours of the image, where its source has some.
+    pub color: Option<Color>,
     /// The scan, freed from the motion of its sweep, of a LiDAR's keyframe; none of a camera's.
     pub scan: Option<Arc<Scan>>,
     /// The semi-dense inverse-depth map.
@@ -56,12 +58,18 @@ impl Keyframe {
             frame_index,
             world_from_keyframe,
             image,
+            color: None,
             scan: None,
             semi_dense: SemiDense::default().into(),
             points: Vec::new(),
             features: None,
             words: None,
         }
+    }
+
+    /// The colours of the image, ready to be looked up; `None` without any, and of some that are damaged.
+    pub fn colors(&self) -> Option<Colors> {
+        self.color.as_ref()?.decoded((self.image.width(), self.image.height())).ok()
     }
 
     /// Keeps image and depth, of which others have no copies yet, where `swap` has room for them.

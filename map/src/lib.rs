@@ -4,6 +4,9 @@
 mod agent;
 mod atomic;
 mod check;
+mod color;
+#[cfg(test)]
+mod color_tests;
 mod delta;
 mod error;
 mod export;
@@ -24,6 +27,7 @@ mod unite;
 
 pub use agent::{AgentId, AgentInfo, OwnMap};
 pub use atomic::write_atomically;
+pub use color::{Color, Colors, Luma};
 pub use delta::{Described, MapDelta, Moved, Settled};
 pub use error::MapError;
 pub use export::{

@@ -37,7 +37,7 @@ pub fn sensor_entries(sensor: &Sensor) -> [(&'static str, String); 3] {
 /// A keyframe as an ideal pinhole camera that reads all rows at once would have taken it.
 #[derive(Clone, Debug)]
 pub struct Rectified {
-    /// The keyframe; image, depths and points are in their places, features are left out.
+    /// The keyframe; image, depths and points are in their places, colours and features are left out.
     pub keyframe: Keyframe,
     /// The rectification that moved them.
     pub rectification: Rectification,
@@ -123,6 +123,7 @@ pub fn rectified(keyframe: &Keyframe, sensor: &Sensor, motion: &Twist) -> Option
     let keyframe = Keyframe {
         image: Arc::new(rectification.image(&keyframe.image)),
         semi_dense: rectified_depths(&keyframe.semi_dense, &sensor.lens.camera, &rectification).into(),
+        color: None,
         scan: None,
         points,
         features: None,

@@ -1,8 +1,8 @@
 //! A small map for the tests of this crate.
 
 use crate::{
-    AgentId, AgentInfo, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Map, Observation, Point,
-    Scan, SemiDense, Sensor,
+    AgentId, AgentInfo, Color, Edge, EdgeKind, FramePose, Identity, Keyframe, KeyframeId, Luma, Map,
+    Observation, Point, Scan, SemiDense, Sensor,
 };
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use nalgebra::{SMatrix, SVector, Vector6};
@@ -34,6 +34,28 @@ pub(crate) fn sample_map(keyframes: u32) -> Map {
 /// The camera of [`sample_map`].
 pub(crate) fn sample_camera() -> Pinhole {
     Pinhole { width: 24, height: 18, fx: 20.1, fy: 20.3, cx: 11.4, cy: 8.7 }
+}
+
+/// Red, green and blue that the keyframe of [`in_color`] has at a pixel.
+pub(crate) fn color_at(id: KeyframeId, x: usize, y: usize) -> [u8; 3] {
+    [(90 + 2 * x) as u8, (170 - 3 * y) as u8, (30 + 20 * (id.0 % 10)) as u8]
+}
+
+/// Gives the keyframes of some agents images in colour.
+pub(crate) fn in_color(map: &mut Map, agents: impl Fn(AgentId) -> bool) {
+    let luma = Luma::Rec709;
+    for keyframe in map.keyframes.values_mut().filter(|keyframe| agents(keyframe.agent)) {
+        let (width, height) = (keyframe.image.width(), keyframe.image.height());
+        let pixels = (0..width * height).map(|i| color_at(keyframe.id, i % width, i / width));
+        let plane = |value: &dyn Fn([u8; 3]) -> u8| {
+            GrayImage::from_vec(width, height, pixels.clone().map(value).collect()).unwrap()
+        };
+        let weighed =
+            |color: [u8; 3]| luma.weights().iter().zip(color).map(|(w, c)| w * f32::from(c)).sum::<f32>();
+        let planes = [0, 1].map(|i| plane(&|color| luma.differences(color)[i]));
+        keyframe.image = Arc::new(plane(&|color| weighed(color) as u8));
+        keyframe.color = Color::of_planes(luma, [&planes[0], &planes[1]]);
+    }
 }
 
 /// A LiDAR's map of `keyframes` keyframes with scans of a thousand points, five frames each.
@@ -122,6 +144,7 @@ fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe
         frame_index: 5 * u64::from(id.0),
         world_from_keyframe: Sim3::exp(&tangent),
         image: Arc::new(GrayImage::from_vec(camera.width, camera.height, pixels).unwrap()),
+        color: None,
         scan: None,
         semi_dense: semi_dense.into(),
         points: (0..4).map(|i| point(i, numbers)).collect(),

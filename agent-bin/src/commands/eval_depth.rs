@@ -191,6 +191,7 @@ mod tests {
             frame_index,
             world_from_keyframe: Sim3::new(Default::default(), [0.0, 0.0, z].into(), scale),
             image: Arc::new(GrayImage::filled(CAMERA.width, CAMERA.height, 0)),
+            color: None,
             scan: None,
             semi_dense: SemiDense {
                 inverse_depth: pixels

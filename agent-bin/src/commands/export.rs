@@ -108,7 +108,7 @@ impl PlacingArgs {
 #[derive(Clone, Debug, clap::Args)]
 #[group(required = true, multiple = true)]
 pub struct Outputs {
-    /// Point cloud as binary PLY: x y z intensity confidence red green blue (grey), and of several agents agent
+    /// Point cloud as binary PLY: x y z intensity confidence red green blue, and of several agents agent
     #[arg(long, value_name = "FILE")]
     pub ply: Option<PathBuf>,
     /// Point cloud as binary PCD: x y z intensity confidence rgb, and of several agents label

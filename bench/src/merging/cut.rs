@@ -114,6 +114,7 @@ mod tests {
                 frame_index: u64::from(id.0),
                 world_from_keyframe: pose(id.0),
                 image: Arc::new(GrayImage::filled(4, 3, 0)),
+                color: None,
                 scan: None,
                 semi_dense: SemiDense {
                     pixel: vec![5].into(),

@@ -230,6 +230,6 @@ fn tier(kind: Kind) -> usize {
         Kind::Agent | Kind::Poses => 0,
         Kind::Digest | Kind::Features => 2,
         Kind::LossyDepth | Kind::LossyImage | Kind::Depth | Kind::Image | Kind::Scan => 3,
-        Kind::Edges | Kind::Frames => 4,
+        Kind::Edges | Kind::Frames | Kind::Color => 4,
     }
 }

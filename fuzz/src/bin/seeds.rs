@@ -37,6 +37,7 @@ fn small_map() -> Map {
                 frame_index: id.0.into(),
                 world_from_keyframe: geometry::Sim3::identity(),
                 image: Arc::new(image),
+                color: None,
                 scan: None,
                 semi_dense: SemiDense {
                     pixel: vec![3, 9].into(),

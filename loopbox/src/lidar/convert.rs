@@ -24,6 +24,7 @@ pub(super) fn to_keyframe(index: usize, frame_index: u64, keyframe: &keyframe::K
         frame_index,
         world_from_keyframe: Sim3::from(keyframe.world_from_sensor),
         image: Arc::new(GrayImage::filled(0, 0, 0)),
+        color: None,
         scan: Some(Arc::new(Scan::new(keyframe.points.iter().copied()))),
         semi_dense: Default::default(),
         points: Vec::new(),

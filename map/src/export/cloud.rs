@@ -127,6 +127,8 @@ pub struct CloudPoint {
     pub position: Vector3<f64>,
     /// Intensity of its pixel, 0–255; 0 of a scan's point.
     pub intensity: u8,
+    /// Red, green and blue of its pixel, where its keyframe has colours.
+    pub color: Option<[u8; 3]>,
     /// Inverse depth over its standard deviation: the depth is known to one part in `confidence`.
     /// At most 10⁶, which is that of a scan's point.
     pub confidence: f32,
@@ -185,14 +187,18 @@ impl Keyframe {
     fn point_of(&self, camera: &Pinhole, shift: Shift) -> impl Fn((u32, f32, f32)) -> CloudPoint + use<'_> {
         let (camera, agent) = (*camera, self.agent);
         let (intensities, width) = (self.image.data(), camera.width as u32);
+        let colors = self.colors();
         move |(pixel, inverse_depth, variance)| {
             let relative_variance = variance / (inverse_depth * inverse_depth);
-            let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
+            let (column, row) = (pixel % width, pixel / width);
+            let [x, y] = [column, row].map(|place| place as f32);
+            let intensity = intensities[pixel as usize];
             let [dx, dy] = shift.to_undistorted([x, y], inverse_depth);
             let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
             CloudPoint {
                 position: ray / f64::from(inverse_depth),
-                intensity: intensities[pixel as usize],
+                intensity,
+                color: colors.as_ref().map(|colors| colors.at(column as usize, row as usize, intensity)),
                 confidence: relative_variance.sqrt().recip().min(MAX_CONFIDENCE),
                 agent,
             }
@@ -231,6 +237,7 @@ impl Keyframe {
         self.scan.iter().flat_map(|scan| scan.points()).map(move |point| CloudPoint {
             position: Vector3::from(point.map(f64::from)),
             intensity: 0,
+            color: None,
             confidence: MAX_CONFIDENCE,
             agent,
         })

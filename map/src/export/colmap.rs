@@ -65,8 +65,8 @@ fn write_points(out: &mut impl Write, posed: &PosedImages) -> io::Result<()> {
     writeln!(out, "# POINT3D_ID X Y Z R G B ERROR, then IMAGE_ID POINT2D_IDX of all that see it")?;
     let mut counts = vec![0usize; posed.images.len()];
     for (number, point) in posed.points.iter().enumerate() {
-        let (p, grey) = (point.position, point.intensity);
-        write!(out, "{} {} {} {} {grey} {grey} {grey} {}", number + 1, p.x, p.y, p.z, point.error)?;
+        let (p, [red, green, blue]) = (point.position, point.color);
+        write!(out, "{} {} {} {} {red} {green} {blue} {}", number + 1, p.x, p.y, p.z, point.error)?;
         for (place, _) in &point.track {
             write!(out, " {} {}", place + 1, counts[*place])?;
             counts[*place] += 1;

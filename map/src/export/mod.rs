@@ -58,6 +58,8 @@ struct Columns {
     of_images: bool,
     /// Their agent: where there are several.
     agents: bool,
+    /// Whether any keyframe has colours.
+    in_color: bool,
     /// Lengths are in metres.
     metric: bool,
 }
@@ -67,6 +69,7 @@ impl Columns {
         Self {
             of_images: map.sensor() != Some(SensorKind::Lidar),
             agents: map.agents.len() > 1,
+            in_color: map.keyframes.values().any(|keyframe| keyframe.color.is_some()),
             metric: map.is_metric(),
         }
     }
@@ -76,9 +79,14 @@ impl Columns {
         self.of_images || self.agents
     }
 
-    /// The colour of a point, red, green, blue: that of its agent where there are several, else that of its pixel.
+    /// The colour of a point, red, green, blue: that of its pixel, which is grey where its source was. In a map without
+    /// colours that of its agent, where there are several.
     fn color(self, point: &CloudPoint) -> [u8; 3] {
-        if self.agents { agent_color(point.agent) } else { [point.intensity; 3] }
+        match point.color {
+            Some(color) => color,
+            None if self.agents && !self.in_color => agent_color(point.agent),
+            None => [point.intensity; 3],
+        }
     }
 }
 

@@ -75,8 +75,8 @@ fn write_points(out: &mut impl Write, posed: &PosedImages) -> io::Result<()> {
         posed.points.len()
     )?;
     for point in &posed.points {
-        let (p, grey) = (point.position, point.intensity);
-        writeln!(out, "{} {} {} {grey} {grey} {grey}", p.x as f32, p.y as f32, p.z as f32)?;
+        let (p, [red, green, blue]) = (point.position, point.color);
+        writeln!(out, "{} {} {} {red} {green} {blue}", p.x as f32, p.y as f32, p.z as f32)?;
     }
     Ok(())
 }

@@ -8,9 +8,9 @@ use std::path::Path;
 const PCD: CloudFormat = CloudFormat { header, attributes };
 
 /// Writes the cloud as binary PCD 0.7 and returns the number of points. Fields are `x y z intensity confidence rgb`,
-/// all of them float as the library's own point types have them; `rgb` is the intensity, packed as the library packs
-/// colours. LiDARs alone give `x y z`. With several agents `rgb` is the agent's colour, and `label` (unsigned) its
-/// id.
+/// all of them float as the library's own point types have them; `rgb` is the colour, packed as the library packs
+/// colours, of the same points as in [`write_ply`](super::write_ply). LiDARs alone give `x y z`. With several agents
+/// `label` (unsigned) is the agent's id.
 pub fn write_pcd(out: &mut impl Write, map: &Map, selection: impl Into<CloudSelection>) -> io::Result<usize> {
     PCD.write(out, map, selection.into())
 }

@@ -8,9 +8,9 @@ use std::path::Path;
 const PLY: CloudFormat = CloudFormat { header, attributes };
 
 /// Writes the cloud as binary little-endian PLY and returns the number of points. Properties are `x y z` float (map
-/// units or metres; a comment says which), `intensity` uchar, `confidence` float, and `red green blue` uchar, which is
-/// the intensity. LiDARs alone have only `x y z`. With several agents `red green blue` is the agent's colour, and
-/// `agent` ushort its id.
+/// units or metres; a comment says which), `intensity` uchar, `confidence` float, and `red green blue` uchar: the
+/// colour of the pixel, or its intensity where the source was grey. LiDARs alone have only `x y z`. With several agents
+/// `agent` ushort is the agent's id; where no keyframe has colours, `red green blue` is the agent's.
 pub fn write_ply(out: &mut impl Write, map: &Map, selection: impl Into<CloudSelection>) -> io::Result<usize> {
     PLY.write(out, map, selection.into())
 }

@@ -1,15 +1,15 @@
 //! A map as posed images with sparse points and their tracks: what structure-from-motion tools exchange.
 
 use super::save;
-use crate::io::encode_png;
-use crate::{AgentId, AgentInfo, Keyframe, KeyframeId, Map, MapError, SensorKind};
-use geometry::sensor::Shift;
+use crate::io::{encode_color_png, encode_png};
+use crate::{AgentId, AgentInfo, Colors, Keyframe, KeyframeId, Map, MapError, SensorKind};
+use geometry::sensor::{Rectification, Shift};
 use geometry::{Pinhole, Se3};
 use nalgebra::{Vector2, Vector3};
 use rayon::prelude::*;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::io::Write;
+use std::io::{self, Write};
 use std::path::Path;
 
 /// The folder of the images within that of an export.
@@ -32,6 +32,9 @@ pub(super) struct PosedImages<'a> {
 pub(super) struct PosedImage<'a> {
     /// As an ideal camera would have taken it: what takes this in knows pinhole cameras.
     pub keyframe: Cow<'a, Keyframe>,
+    /// What made it so, and the keyframe as it is in the map, which has the colours.
+    rectification: Option<Rectification>,
+    taken: &'a Keyframe,
     /// Its file within [`IMAGES`].
     pub name: String,
     pub camera_from_world: Se3,
@@ -41,8 +44,8 @@ pub(super) struct PosedImage<'a> {
 pub(super) struct SparsePoint {
     /// In the world, map units.
     pub position: Vector3<f64>,
-    /// Intensity of its pixel, 0–255.
-    pub intensity: u8,
+    /// Red, green and blue of its pixel, 0–255; alike where the source was grey.
+    pub color: [u8; 3],
     /// Root mean square distance of its observations from its projections, pixels.
     pub error: f64,
     /// The images that see it, by their places in [`PosedImages::images`], and where: its host first, each image once.
@@ -63,13 +66,14 @@ impl<'a> PosedImages<'a> {
         };
         let cameras = map.agents.iter().map(camera).collect::<Result<_, _>>()?;
         let labels = map.agent_labels();
-        let image = |keyframe: &&'a Keyframe| PosedImage {
-            keyframe: match map.rectified(keyframe) {
-                Some(rectified) => Cow::Owned(rectified.keyframe),
-                None => Cow::Borrowed(keyframe),
-            },
-            name: format!("{}-{:06}.png", labels[&keyframe.agent], keyframe.frame_index),
-            camera_from_world: keyframe.world_from_keyframe.rigid().inverse(),
+        let image = |&taken: &&'a Keyframe| {
+            let (keyframe, rectification) = match map.rectified(taken) {
+                Some(rectified) => (Cow::Owned(rectified.keyframe), Some(rectified.rectification)),
+                None => (Cow::Borrowed(taken), None),
+            };
+            let name = format!("{}-{:06}.png", labels[&taken.agent], taken.frame_index);
+            let camera_from_world = taken.world_from_keyframe.rigid().inverse();
+            PosedImage { keyframe, rectification, taken, name, camera_from_world }
         };
         let keyframes: Vec<&Keyframe> = map.keyframes.values().collect();
         let images: Vec<PosedImage> = keyframes.par_iter().map(image).collect();
@@ -84,9 +88,23 @@ impl<'a> PosedImages<'a> {
     /// Writes the images as PNG files into `folder`, which is made.
     pub fn save_images(&self, folder: &Path) -> Result<(), MapError> {
         std::fs::create_dir_all(folder).map_err(|reason| MapError::write(folder, reason))?;
-        self.images.par_iter().try_for_each(|image| {
-            save(&folder.join(&image.name), |out| out.write_all(&encode_png(&image.keyframe.image)?))
-        })
+        self.images
+            .par_iter()
+            .try_for_each(|image| save(&folder.join(&image.name), |out| out.write_all(&image.png()?)))
+    }
+}
+
+impl PosedImage<'_> {
+    /// The image as a PNG file, in colour where the keyframe has colours.
+    fn png(&self) -> io::Result<Vec<u8>> {
+        let image = &self.keyframe.image;
+        let Some(colors) = self.taken.colors() else { return encode_png(image) };
+        let planes = colors.planes(image.width(), image.height());
+        let planes = match &self.rectification {
+            Some(rectification) => planes.map(|plane| rectification.image(&plane)),
+            None => planes,
+        };
+        encode_color_png((image.width(), image.height()), &colors.painted(image, &planes))
     }
 }
 
@@ -99,7 +117,8 @@ fn points_of(
     places: &BTreeMap<KeyframeId, usize>,
 ) -> Vec<SparsePoint> {
     let keyframe = &images[host].keyframe;
-    let point = |point: &crate::Point| {
+    let colors = images[host].taken.colors();
+    let point = |(point, taken): (&crate::Point, &crate::Point)| {
         let [x, y] = point.pixel.map(f64::from);
         let ray = map.camera(keyframe).unproject(x, y);
         let position = keyframe.world_from_keyframe * (ray / f64::from(point.inverse_depth));
@@ -120,15 +139,29 @@ fn points_of(
             (map.camera(&images[*place].keyframe).project(&local) - pixel).norm_squared()
         };
         let error = (track.iter().map(squared_error).sum::<f64>() / track.len() as f64).sqrt();
-        let at = (x.round() as usize, y.round() as usize);
-        let inside = at.0 < keyframe.image.width() && at.1 < keyframe.image.height();
-        let intensity = if inside { keyframe.image.get(at.0, at.1) } else { 0 };
-        SparsePoint { position, intensity, error, track }
+        let color = color_at(keyframe, colors.as_ref(), (point.pixel, taken.pixel));
+        SparsePoint { position, color, error, track }
     };
-    let points = keyframe.points.iter().map(point);
+    // Rectified points are in the order of those that were taken.
+    let points = keyframe.points.iter().zip(&images[host].taken.points).map(point);
     points
         .filter(|p| p.track.len() > 1 && p.error.is_finite() && p.position.iter().all(|v| v.is_finite()))
         .collect()
+}
+
+/// The colour of a keyframe's image at a pixel, whose colours lie at `taken`; black outside of the image.
+fn color_at(keyframe: &Keyframe, colors: Option<&Colors>, (pixel, taken): ([f32; 2], [f32; 2])) -> [u8; 3] {
+    let (width, height) = (keyframe.image.width(), keyframe.image.height());
+    let within = |pixel: [f32; 2]| {
+        let [x, y] = pixel.map(|place| place.round() as usize);
+        (x < width && y < height).then_some((x, y))
+    };
+    let Some((x, y)) = within(pixel) else { return [0; 3] };
+    let grey = keyframe.image.get(x, y);
+    match (colors, within(taken)) {
+        (Some(colors), Some((x, y))) => colors.at(x, y, grey),
+        _ => [grey; 3],
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,10 @@
 //! The channels of a map file: those of the whole map, and those of each agent.
 
+use super::color::{COLOR_SCHEMA, COLOR_TOPIC};
 use super::scan::{SCAN_SCHEMA, SCAN_TOPIC};
-use super::schema::{FEATURES_SCHEMA, GRAPH_SCHEMA, KEYFRAME_SCHEMA, descriptor_set, scan_descriptor_set};
+use super::schema::{
+    FEATURES_SCHEMA, GRAPH_SCHEMA, KEYFRAME_SCHEMA, color_descriptor_set, descriptor_set, scan_descriptor_set,
+};
 use super::{
     CALIBRATION_TOPIC, CAMERA_FRAME, CLOUD_TOPIC, FEATURES_TOPIC, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC,
     LIDAR_FRAME, TRAJECTORY_TOPIC, TRANSFORMS_TOPIC,
@@ -23,6 +26,8 @@ pub(super) struct Channels {
     pub transforms: u16,
     /// In a map with a LiDAR.
     pub scan: Option<u16>,
+    /// Once a keyframe with colours was written: a map without any is as if there were none.
+    color: Option<u16>,
     pub agents: BTreeMap<AgentId, AgentChannels>,
 }
 
@@ -55,6 +60,7 @@ impl Channels {
                 .any(|info| info.sensor.kind() == SensorKind::Lidar)
                 .then(|| add_channel(mcap, SCAN_TOPIC, SCAN_SCHEMA, &scan_descriptor_set()))
                 .transpose()?,
+            color: None,
             agents: labels(agents)
                 .into_iter()
                 .map(|(id, label)| {
@@ -65,6 +71,18 @@ impl Channels {
                 })
                 .collect::<Result<_, _>>()?,
         })
+    }
+}
+
+impl Channels {
+    /// The channel of colours, which is added with the first of them.
+    pub(super) fn color<W: Write + Seek>(&mut self, mcap: &mut mcap::Writer<W>) -> Result<u16, McapError> {
+        if let Some(channel) = self.color {
+            return Ok(channel);
+        }
+        let channel = add_channel(mcap, COLOR_TOPIC, COLOR_SCHEMA, &color_descriptor_set())?;
+        self.color = Some(channel);
+        Ok(channel)
     }
 }
 

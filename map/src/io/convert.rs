@@ -87,6 +87,7 @@ pub(super) fn keyframe_from_message(
         frame_index: message.frame_index,
         world_from_keyframe: pose,
         image,
+        color: None,
         scan,
         semi_dense: semi_dense.into(),
         points,

@@ -1,11 +1,12 @@
 //! The map's file, `map.mcap`; described field by field in `book/src/reference/map-format.md`.
 //!
 //! Three messages of loopbox's own hold the exact data (`messages`), `foxglove.CompressedImage` the keyframe images,
-//! and one more message the LiDARs' scans (`scan`). Metadata records describe the agents (`about`). The other
+//! one more message the LiDARs' scans (`scan`), and one the colours of images (`color`). Metadata records describe the agents (`about`). The other
 //! Foxglove messages (`views`) repeat the exact data for viewers and are never read back.
 
 mod about;
 mod channels;
+mod color;
 mod convert;
 mod messages;
 pub mod parts;
@@ -20,7 +21,7 @@ mod tests;
 mod views;
 mod writer;
 
-pub(crate) use picture::encode_png;
+pub(crate) use picture::{encode_color_png, encode_png};
 pub use reader::{LoadedMap, is_map_file, load_map, load_map_swapped, sensors_of};
 pub use writer::{MapWriter, save_map};
 

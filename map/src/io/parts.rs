@@ -6,10 +6,11 @@
 //! when they are read, and a map that is assembled from its parts is the same map bit by bit.
 
 use super::about::{About, AboutError};
+use super::color::{self, ColorMessage};
 use super::messages::{GraphMessage, KeyframeMessage};
 use super::scan::{self, ScanMessage};
 use super::{convert, picture};
-use crate::{AgentInfo, Edge, FramePose, Keyframe, KeyframeId, Map, Scan, check};
+use crate::{AgentInfo, Color, Edge, FramePose, Keyframe, KeyframeId, Map, Scan, check};
 use geometry::limits::MAX_SCAN_POINTS;
 use geometry::{GrayImage, Pinhole, Sim3};
 use prost::Message;
@@ -100,6 +101,21 @@ pub fn image_to_bytes(image: &GrayImage) -> io::Result<Vec<u8>> {
 pub fn image_from_bytes(bytes: &[u8], camera: &Pinhole) -> Result<GrayImage, String> {
     picture::decode_png(bytes, [(camera.width, camera.height)])
         .map_err(|what| format!("an image cannot be used: {what}"))
+}
+
+/// A keyframe's colours.
+pub fn color_to_bytes(id: KeyframeId, color: &Color) -> Vec<u8> {
+    color::to_message(id, color).encode_to_vec()
+}
+
+/// The inverse of [`color_to_bytes`]: the keyframe's id, and its colours unless they are of a kind that this program does
+/// not know.
+///
+/// # Errors
+/// Says what is wrong with the bytes.
+pub fn color_from_bytes(bytes: &[u8]) -> Result<(KeyframeId, Option<Color>), String> {
+    let message = ColorMessage::decode(bytes).map_err(|error| format!("colours cannot be read: {error}"))?;
+    Ok(color::from_message(message))
 }
 
 /// The points of a LiDAR's keyframe.

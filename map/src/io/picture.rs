@@ -5,15 +5,24 @@ use std::io::{self, Cursor};
 
 /// Encodes a grey image as an 8-bit PNG.
 pub(crate) fn encode_png(image: &GrayImage) -> io::Result<Vec<u8>> {
+    encode((image.width(), image.height()), png::ColorType::Grayscale, image.data())
+}
+
+/// Encodes pixels of red, green and blue as an 8-bit PNG of this width and height.
+pub(crate) fn encode_color_png(size: (usize, usize), pixels: &[u8]) -> io::Result<Vec<u8>> {
+    encode(size, png::ColorType::Rgb, pixels)
+}
+
+fn encode((width, height): (usize, usize), color: png::ColorType, data: &[u8]) -> io::Result<Vec<u8>> {
     let side = |length: usize| u32::try_from(length).map_err(io::Error::other);
-    let mut out = Vec::with_capacity(image.data().len());
-    let mut encoder = png::Encoder::new(&mut out, side(image.width())?, side(image.height())?);
-    encoder.set_color(png::ColorType::Grayscale);
+    let mut out = Vec::with_capacity(data.len());
+    let mut encoder = png::Encoder::new(&mut out, side(width)?, side(height)?);
+    encoder.set_color(color);
     encoder.set_depth(png::BitDepth::Eight);
     // Measured at 640×480: 5 ms and 218 kB an image, where the default takes 41 ms for 204 kB.
     encoder.set_compression(png::Compression::Fast);
     let mut writer = encoder.write_header()?;
-    writer.write_image_data(image.data())?;
+    writer.write_image_data(data)?;
     writer.finish()?;
     Ok(out)
 }

@@ -1,6 +1,7 @@
 //! Loading maps.
 
 use super::about::{About, AboutError};
+use super::color::{self, COLOR_TOPIC, ColorMessage};
 use super::messages::{FeaturesMessage, GraphMessage, KeyframeMessage};
 use super::records::{Stop, read_chunk, read_file};
 use super::scan::{self, SCAN_TOPIC, ScanMessage};
@@ -9,7 +10,8 @@ use super::{
     views,
 };
 use crate::{
-    AgentId, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor, SensorKind, check,
+    AgentId, Color, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, MapError, Scan, Sensor, SensorKind,
+    check,
 };
 use foxglove::messages::CompressedImage;
 use geometry::{GrayImage, Sim3, Swap};
@@ -151,6 +153,7 @@ impl Refusal {
 #[derive(Clone, Copy)]
 enum Kind {
     Image,
+    Color,
     Scan,
     Keyframe,
     Features,
@@ -177,6 +180,7 @@ struct Contents<'a> {
     /// The files of images that are not decoded yet.
     undecoded: BTreeMap<KeyframeId, Vec<u8>>,
     images: BTreeMap<KeyframeId, Arc<GrayImage>>,
+    colors: BTreeMap<KeyframeId, Color>,
     scans: BTreeMap<KeyframeId, Arc<Scan>>,
     keyframes: BTreeMap<KeyframeId, Keyframe>,
     features: BTreeMap<KeyframeId, Features>,
@@ -233,6 +237,7 @@ impl Contents<'_> {
             Record::Channel(channel) => {
                 let kind = match channel.topic.as_str() {
                     IMAGE_TOPIC => Kind::Image,
+                    COLOR_TOPIC => Kind::Color,
                     SCAN_TOPIC => Kind::Scan,
                     KEYFRAME_TOPIC => Kind::Keyframe,
                     FEATURES_TOPIC => Kind::Features,
@@ -243,6 +248,7 @@ impl Contents<'_> {
             }
             Record::Message { header, data } => match self.channels.get(&header.channel_id) {
                 Some(Kind::Image) => self.image(&data)?,
+                Some(Kind::Color) => self.color(&data)?,
                 Some(Kind::Scan) => self.scan(&data)?,
                 Some(Kind::Keyframe) => self.keyframe(&data)?,
                 Some(Kind::Features) => self.features(&data)?,
@@ -265,6 +271,15 @@ impl Contents<'_> {
         if self.undecoded.len().is_multiple_of(IMAGES_TOGETHER) {
             self.decode_images();
         }
+        Ok(())
+    }
+
+    /// Takes a keyframe's colours. Whether they can be decoded is not looked at: without them the image is grey.
+    fn color(&mut self, data: &[u8]) -> Result<(), String> {
+        let message =
+            ColorMessage::decode(data).map_err(|error| format!("colours cannot be read: {error}"))?;
+        let (id, color) = color::from_message(message);
+        self.colors.extend(color.map(|color| (id, color)));
         Ok(())
     }
 
@@ -384,6 +399,7 @@ impl Contents<'_> {
                     .remove(id)
                     .map_or_else(|| decoded(*id, self.undecoded.get(id), &sizes).map(Arc::new), Ok);
                 keyframe.image = image?;
+                keyframe.color = self.colors.remove(id);
             }
             if let Some(pose) = self.poses.get(id) {
                 keyframe.world_from_keyframe = *pose;

@@ -1,5 +1,6 @@
 //! The schema of loopbox's own messages, so that any MCAP tool can read a map without loopbox.
 
+use super::color::COLOR_FIELDS;
 use super::scan::SCAN_FIELDS;
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
@@ -66,6 +67,11 @@ pub(super) fn descriptor_set() -> Vec<u8> {
 /// That of the message of a scan.
 pub(super) fn scan_descriptor_set() -> Vec<u8> {
     descriptors(vec![message("Scan", &SCAN_FIELDS)])
+}
+
+/// That of the message of a keyframe's colours.
+pub(super) fn color_descriptor_set() -> Vec<u8> {
+    descriptors(vec![message("Color", &COLOR_FIELDS)])
 }
 
 /// Messages of one file.
@@ -180,6 +186,8 @@ mod tests {
         assert_described(&graph.encode_to_vec(), &GRAPH_FIELDS);
         let scan = crate::io::scan::ScanMessage { id: 1, cell_step: vec![1; 3] };
         assert_described(&scan.encode_to_vec(), &SCAN_FIELDS);
+        let color = crate::io::color::ColorMessage { keyframe: 1, luma: 1, jpeg: vec![1] };
+        assert_described(&color.encode_to_vec(), &COLOR_FIELDS);
     }
 
     /// The messages as a `.proto` file.
@@ -206,6 +214,7 @@ mod tests {
             ("Features", &FEATURES_FIELDS),
             ("Graph", &GRAPH_FIELDS),
             ("Scan", &SCAN_FIELDS),
+            ("Color", &COLOR_FIELDS),
         ]);
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/reference/map.proto");
         if std::env::var_os("LOOPBOX_WRITE_BOOK").is_some() {
@@ -227,6 +236,7 @@ mod tests {
             ("Features", &FEATURES_FIELDS),
             ("Graph", &GRAPH_FIELDS),
             ("Scan", &SCAN_FIELDS),
+            ("Color", &COLOR_FIELDS),
         ] {
             let (_, section) = page.split_once(&format!("`loopbox.{name}`")).expect(name);
             let section = section.split("\n#").next().unwrap();

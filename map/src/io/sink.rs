@@ -3,7 +3,7 @@
 use super::about::About;
 use super::channels::Channels;
 use super::messages::{FeaturesMessage, GraphMessage};
-use super::{PROFILE, convert, picture, scan, views};
+use super::{PROFILE, color, convert, picture, scan, views};
 use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapDelta, Moved, SensorKind};
 use geometry::Sim3;
 use mcap::records::MessageHeader;
@@ -77,8 +77,12 @@ impl<W: Write + Seek> MapSink<W> {
         self.keyframe(keyframe, own_pose)
     }
 
+    /// Writes a keyframe's image with its colours, if it has some.
     fn image(&mut self, keyframe: &Keyframe, png: Vec<u8>) -> io::Result<()> {
-        self.message(self.channels.image, keyframe.timestamp, &views::image(keyframe, png))
+        self.message(self.channels.image, keyframe.timestamp, &views::image(keyframe, png))?;
+        let Some(of_keyframe) = &keyframe.color else { return Ok(()) };
+        let channel = self.channels.color(&mut self.mcap).map_err(io_error)?;
+        self.message(channel, keyframe.timestamp, &color::to_message(keyframe.id, of_keyframe))
     }
 
     /// Writes a keyframe. Its image or scan is written once, and so are its features; depth, points and pose replace

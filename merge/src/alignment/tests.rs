@@ -26,6 +26,7 @@ fn synthetic_map() -> Map {
                 frame_index: u64::from(id.0),
                 world_from_keyframe: sim3(numbers),
                 image: Arc::new(GrayImage::from_vec(16, 12, vec![9; 192]).unwrap()),
+                color: None,
                 scan: None,
                 semi_dense: SemiDense {
                     inverse_depth: pixel.iter().map(|_| numbers.uniform(0.1, 1.0) as f32).collect(),

@@ -27,6 +27,7 @@ pub fn rendered_map(world: &World, path: &[Se3]) -> Map {
                 world_from_keyframe: Sim3::from(*pose),
                 semi_dense: depth_of(&image, inverse_depth.data()).into(),
                 image: Arc::new(image),
+                color: None,
                 scan: None,
                 points: Vec::new(),
                 features: None,

@@ -24,6 +24,7 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
             1.0,
         ),
         image: Arc::new(GrayImage::filled(64, 48, 0)),
+        color: None,
         scan: None,
         semi_dense: SemiDense {
             pixel: pixel.into(),

@@ -82,6 +82,7 @@ fn keyframe(id: u32, pose: Se3) -> Keyframe {
         frame_index: u64::from(id),
         world_from_keyframe: Sim3::new(pose.rotation, pose.translation, 1.0),
         image: Arc::new(geometry::GrayImage::filled(SIZE.0, SIZE.1, 0)),
+        color: None,
         scan: None,
         features: None,
         words: None,

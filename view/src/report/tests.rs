@@ -26,6 +26,7 @@ fn bend(count: u32, spacing: usize) -> Map {
             frame_index: 3 * i as u64,
             world_from_keyframe: Sim3::new(rotation, Vector3::new(at, 0.0, 0.1 * at * at), 1.1),
             image: Arc::new(GrayImage::from_vec(160, 120, pixels).unwrap()),
+            color: None,
             scan: None,
             semi_dense: SemiDense { pixel: pixel.into(), inverse_depth: inverse_depth.into(), variance }
                 .into(),

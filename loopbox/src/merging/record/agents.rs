@@ -181,6 +181,7 @@ mod tests {
                 frame_index: 0,
                 world_from_keyframe: Sim3::identity(),
                 image: std::sync::Arc::new(geometry::GrayImage::filled(4, 3, 0)),
+                color: None,
                 scan: None,
                 semi_dense: map::SemiDense::default().into(),
                 points: Vec::new(),

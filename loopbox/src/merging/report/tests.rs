@@ -46,6 +46,7 @@ fn line(name: &str, count: u32, spacing: usize, seed: u64) -> Map {
             frame_index: u64::from(i) * 3,
             world_from_keyframe: Sim3::new(rotation, Vector3::new(at, 0.0, 0.1 * at), 1.0),
             image: Arc::new(GrayImage::from_vec(80, 60, pixels).unwrap()),
+            color: None,
             scan: None,
             semi_dense: SemiDense { pixel: pixel.into(), inverse_depth: inverse_depth.into(), variance }
                 .into(),

@@ -100,6 +100,7 @@ impl Traveller {
                 frame_index,
                 world_from_keyframe,
                 image,
+                color: None,
                 scan: None,
                 semi_dense: semi_dense.into(),
                 points,
