@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Most points a report holds; ten bytes each, before base64.
+/// Most points a report holds; ten bytes each before base64, and three more in colour.
 pub const MAX_POINTS: usize = 400_000;
 
 /// So many times the points that are held are looked at.
@@ -36,6 +36,9 @@ pub struct Cloud {
     position: Packed,
     /// `intensity, code of σ/d` per point, u8.
     value: Packed,
+    /// Red, green and blue of each point, u8, where any keyframe has colours.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    color: Option<Packed>,
     /// Range of world inverse depth that the colours span, 1/map unit.
     pub inverse_depth: [f32; 2],
     /// Relative σ of codes 0 and 255.
@@ -50,6 +53,7 @@ struct CloudPoint {
     position: Vector3<f32>,
     inverse_depth: f32,
     intensity: u8,
+    color: Option<[u8; 3]>,
     sigma_code: u8,
     keyframe: u32,
 }
@@ -81,6 +85,8 @@ impl Cloud {
             value.extend([p.intensity, p.sigma_code]);
             per_keyframe[p.keyframe as usize] += 1;
         }
+        let has_color = keyframes.iter().any(|keyframe| keyframe.color.is_some());
+        let color = |p: &CloudPoint| p.color.unwrap_or([p.intensity; 3]);
         Self {
             count: points.len(),
             total,
@@ -88,6 +94,7 @@ impl Cloud {
             box_size: size.into(),
             position: Packed(position),
             value: Packed(value),
+            color: has_color.then(|| Packed(points.iter().flat_map(color).collect())),
             inverse_depth,
             sigma: SIGMA_RANGE,
             per_keyframe: Packed::u32(per_keyframe),
@@ -120,12 +127,13 @@ fn of_image(map: &Map, camera: &Pinhole, keyframe: &Keyframe, index: u32, step: 
     let width = image.width().max(1) as u32;
     let shift = map.image_shift(keyframe).unwrap_or(Shift::none(*camera));
     let turned = pose.rotation.to_rotation_matrix().into_inner() * pose.scale;
-    let depths = &keyframe.semi_dense;
+    let (depths, colors) = (&keyframe.semi_dense, keyframe.colors());
     let point = |at: usize| {
         let (pixel, inverse_depth, variance) =
             (*depths.pixel.get(at)?, *depths.inverse_depth.get(at)?, *depths.variance.get(at)?);
         let intensity = *image.data().get(pixel as usize)?;
-        let [x, y] = [(pixel % width) as f32, (pixel / width) as f32];
+        let (column, row) = (pixel % width, pixel / width);
+        let [x, y] = [column, row].map(|place| place as f32);
         let [dx, dy] = shift.to_undistorted([x, y], inverse_depth);
         let ray = camera.unproject(f64::from(x + dx), f64::from(y + dy));
         let world = turned * (ray / f64::from(inverse_depth)) + pose.translation;
@@ -135,6 +143,7 @@ fn of_image(map: &Map, camera: &Pinhole, keyframe: &Keyframe, index: u32, step: 
             position,
             inverse_depth: inverse_depth / pose.scale as f32,
             intensity,
+            color: colors.as_ref().map(|colors| colors.at(column as usize, row as usize, intensity)),
             sigma_code: sigma_code(variance.sqrt() / inverse_depth),
             keyframe: index,
         })
@@ -154,6 +163,7 @@ fn of_scan(keyframe: &Keyframe, index: u32, step: usize) -> Vec<CloudPoint> {
             position,
             inverse_depth: range.recip(),
             intensity: SCANNED,
+            color: None,
             sigma_code: 0,
             keyframe: index,
         })
@@ -233,6 +243,7 @@ mod tests {
             position: Vector3::new(x, 0.0, 0.0),
             inverse_depth: 1.0,
             intensity: 0,
+            color: None,
             sigma_code,
             keyframe: 0,
         }

@@ -27,7 +27,7 @@ pub struct Picture {
     keyframe: usize,
     width: usize,
     height: usize,
-    /// The grey image.
+    /// The image, in colour where the keyframe has colours.
     jpeg: Packed,
     /// The depths in memory order, as pairs of bytes: pixels to go on, colour 1–255. Colour 0 only goes on.
     depth: Packed,
@@ -62,7 +62,7 @@ pub struct Shrunk {
     pub width: usize,
     /// Pixels down.
     pub height: usize,
-    /// The grey image.
+    /// The image, in colour where the keyframe has colours.
     pub jpeg: Packed,
 }
 
@@ -74,8 +74,16 @@ pub struct Shrunk {
 pub fn shrunk_jpeg(keyframe: &Keyframe, max_pixels: usize, max_bytes: usize) -> anyhow::Result<Shrunk> {
     let factor = shrink_factor(&keyframe.image, max_pixels);
     let image = shrunk(&keyframe.image, factor);
-    let jpeg = encode(&image, max_bytes)
-        .with_context(|| format!("the image of keyframe {} cannot be written as JPEG", keyframe.id.0))?;
+    let jpeg = match keyframe.colors() {
+        Some(colors) => {
+            let planes = colors.planes(keyframe.image.width(), keyframe.image.height());
+            let painted = colors.painted(&image, &planes.map(|plane| shrunk(&plane, factor)));
+            encode_pixels((&painted, ExtendedColorType::Rgb8), (image.width(), image.height()), max_bytes)
+        }
+        None => encode(&image, max_bytes),
+    };
+    let jpeg =
+        jpeg.with_context(|| format!("the image of keyframe {} cannot be written as JPEG", keyframe.id.0))?;
     Ok(Shrunk { factor, width: image.width(), height: image.height(), jpeg: Packed(jpeg) })
 }
 
@@ -88,6 +96,9 @@ fn shrink_factor(image: &GrayImage, max_pixels: usize) -> usize {
 
 /// The image with blocks of `factor × factor` pixels averaged; what is left over at the far edges goes.
 fn shrunk(image: &GrayImage, factor: usize) -> GrayImage {
+    if factor == 1 {
+        return image.clone();
+    }
     let (width, height) = ((image.width() / factor).max(1), (image.height() / factor).max(1));
     let mut small = GrayImage::filled(width, height, 0);
     for y in 0..height {
@@ -104,12 +115,20 @@ fn shrunk(image: &GrayImage, factor: usize) -> GrayImage {
 
 /// The image as JPEG, of the best quality that fits `max_bytes`, or else the worst there is.
 pub fn encode(image: &GrayImage, max_bytes: usize) -> image::ImageResult<Vec<u8>> {
+    encode_pixels((image.data(), ExtendedColorType::L8), (image.width(), image.height()), max_bytes)
+}
+
+/// The same of pixels of some kind.
+fn encode_pixels(
+    (pixels, kind): (&[u8], ExtendedColorType),
+    (width, height): (usize, usize),
+    max_bytes: usize,
+) -> image::ImageResult<Vec<u8>> {
     let mut jpeg = Vec::new();
     for quality in QUALITIES {
         jpeg.clear();
-        let (width, height) = (image.width() as u32, image.height() as u32);
         let encoder = JpegEncoder::new_with_quality(&mut jpeg, quality);
-        encoder.write_image(image.data(), width, height, ExtendedColorType::L8)?;
+        encoder.write_image(pixels, width as u32, height as u32, kind)?;
         if jpeg.len() <= max_bytes {
             break;
         }

@@ -1,7 +1,7 @@
 //! A keyframe's points as viewers get them: small, and in an order that any beginning of is an even sample.
 
 use geometry::{GrayImage, Pinhole, Random};
-use map::{DEFAULT_MAX_RELATIVE_VARIANCE, SemiDense};
+use map::{Color, DEFAULT_MAX_RELATIVE_VARIANCE, SemiDense};
 use nalgebra::Vector3;
 
 /// Bytes of a point: pixel x, y and inverse depth as u16, intensity and uncertainty as u8; little-endian.
@@ -22,11 +22,13 @@ pub struct Chunk {
     pub inverse_depth: [f32; 2],
     /// The points, [`POINT_BYTES`] each, shuffled.
     pub points: Vec<u8>,
+    /// Red, green and blue of each point in their order, where the image has colours; else nothing.
+    pub colors: Vec<u8>,
 }
 
 impl Chunk {
     /// The points whose depth is as certain as those of an exported cloud. The same keyframe gives the same bytes.
-    pub fn new(camera: &Pinhole, image: &GrayImage, depth: &SemiDense) -> Self {
+    pub fn new(camera: &Pinhole, image: &GrayImage, color: Option<&Color>, depth: &SemiDense) -> Self {
         let mut kept: Vec<(u32, f32, f32, u8)> = depth
             .iter()
             .filter_map(|(pixel, d, variance)| {
@@ -41,14 +43,18 @@ impl Chunk {
         let inverse_depth = if kept.is_empty() { [0.0, 1.0] } else { [low, high.max(low * 1.001)] };
         let mut points = Vec::with_capacity(kept.len() * POINT_BYTES);
         let width = image.width().max(1) as u32;
+        let decoded = color.and_then(|color| color.decoded((image.width(), image.height())).ok());
+        let mut colors = Vec::new();
         for (pixel, d, variance, intensity) in kept {
             let code = (d - inverse_depth[0]) / (inverse_depth[1] - inverse_depth[0]);
             for v in [(pixel % width) as u16, (pixel / width) as u16, (code * 65535.0).round() as u16] {
                 points.extend(v.to_le_bytes());
             }
             points.extend([intensity, sigma_code(variance.sqrt() / d)]);
+            let at = ((pixel % width) as usize, (pixel / width) as usize);
+            colors.extend(decoded.iter().flat_map(|colors| colors.at(at.0, at.1, intensity)));
         }
-        Self { camera: *camera, inverse_depth, points }
+        Self { camera: *camera, inverse_depth, points, colors }
     }
 
     /// How many points it has.
@@ -119,7 +125,7 @@ pub(super) mod tests {
     #[test]
     fn points_come_back_where_they_were() {
         let (image, depth) = dense();
-        let chunk = Chunk::new(&CAMERA, &image, &depth);
+        let chunk = Chunk::new(&CAMERA, &image, None, &depth);
         assert_eq!(chunk.len(), depth.len());
         for (position, d) in chunk.positions() {
             let pixel = CAMERA.project(&position);
@@ -130,9 +136,25 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn points_have_the_colours_of_their_pixels() {
+        let (image, depth) = dense();
+        let plane = |value| GrayImage::filled(CAMERA.width, CAMERA.height, value);
+        let color = Color::of_planes(map::Luma::Rec709, [&plane(90), &plane(180)]).unwrap();
+        let colors = color.decoded((CAMERA.width, CAMERA.height)).unwrap();
+        let chunk = Chunk::new(&CAMERA, &image, Some(&color), &depth);
+        assert_eq!(chunk.colors.len(), 3 * chunk.len());
+        for ((found, intensity), [x, y, _]) in
+            chunk.colors.chunks(3).zip(chunk.intensities()).zip(chunk.depths())
+        {
+            assert_eq!(found, colors.at(x as usize, y as usize, intensity));
+        }
+        assert!(Chunk::new(&CAMERA, &image, None, &depth).colors.is_empty());
+    }
+
+    #[test]
     fn any_beginning_is_an_even_sample_of_the_image() {
         let (image, depth) = dense();
-        let chunk = Chunk::new(&CAMERA, &image, &depth);
+        let chunk = Chunk::new(&CAMERA, &image, None, &depth);
         for share in [10, 40, 4] {
             let taken = chunk.len() / share;
             let mut quarters = [0usize; 4];
@@ -152,7 +174,7 @@ pub(super) mod tests {
         depth.variance[1] = f32::NAN;
         depth.inverse_depth[2] = f32::INFINITY;
         depth.inverse_depth[3] = -1.0;
-        assert_eq!(Chunk::new(&CAMERA, &image, &depth).len(), depth.len() - 4);
-        assert!(Chunk::new(&CAMERA, &image, &SemiDense::default()).is_empty());
+        assert_eq!(Chunk::new(&CAMERA, &image, None, &depth).len(), depth.len() - 4);
+        assert!(Chunk::new(&CAMERA, &image, None, &SemiDense::default()).is_empty());
     }
 }

@@ -5,7 +5,7 @@ use super::Neighbourhood;
 use super::handle::loops_of;
 use super::status::Facts;
 use geometry::{GrayImage, Se3, Sim3};
-use map::{FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
+use map::{Color, FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -78,6 +78,8 @@ pub struct Depth {
     pub id: KeyframeId,
     /// Its image.
     pub image: Arc<GrayImage>,
+    /// The colours of the image.
+    pub color: Option<Color>,
     /// Its depth.
     pub semi_dense: Shared<SemiDense>,
 }
@@ -173,7 +175,8 @@ fn hand_on_keyframe(keyframe: &Keyframe, pending: &mut Pending) {
 fn hand_on_depth(keyframe: &Keyframe, pending: &mut Pending) {
     let (image, semi_dense) = (Arc::clone(&keyframe.image), keyframe.semi_dense.clone());
     pending.depths.retain(|depth| depth.id != keyframe.id);
-    pending.depths.push(Depth { id: keyframe.id, image, semi_dense });
+    let color = keyframe.color.clone();
+    pending.depths.push(Depth { id: keyframe.id, image, color, semi_dense });
 }
 
 impl Pose {

@@ -148,7 +148,7 @@ mod tests {
     #[test]
     fn depths_fall_on_the_pixels_they_came_from() {
         let (image, depth) = dense();
-        let chunk = Chunk::new(&CAMERA, &image, &depth);
+        let chunk = Chunk::new(&CAMERA, &image, None, &depth);
         let mut picture = Picture::new(3, 0.5, &image);
         let seen = VisibleKeyframe { chunk: &chunk, camera_from_keyframe: Sim3::identity() };
         picture.overlay(&CAMERA, &[seen], None);
@@ -172,7 +172,7 @@ mod tests {
     #[test]
     fn points_behind_the_camera_are_not_drawn() {
         let (image, depth) = dense();
-        let chunk = Chunk::new(&CAMERA, &image, &depth);
+        let chunk = Chunk::new(&CAMERA, &image, None, &depth);
         let mut picture = Picture::new(0, 0.0, &image);
         let back = Sim3::new(
             nalgebra::UnitQuaternion::from_axis_angle(&nalgebra::Vector3::y_axis(), std::f64::consts::PI),

@@ -30,7 +30,7 @@ pub fn scene(map: &Map) -> Result<Scene, MapError> {
         map.keyframes.values().filter(|keyframe| !keyframe.semi_dense.is_empty()).collect();
     let chunks: Vec<_> = keyframes
         .into_par_iter()
-        .map(|k| (k.id.0, Chunk::new(map.camera(k), &k.image, &k.semi_dense)))
+        .map(|k| (k.id.0, Chunk::new(map.camera(k), &k.image, k.color.as_ref(), &k.semi_dense)))
         .collect();
     chunks.into_iter().for_each(|(id, chunk)| scene.set_chunk(id, chunk));
     scene.set_trajectory(0, steps(map, &index));

@@ -288,7 +288,7 @@ pub(super) mod tests {
 
     pub fn chunk() -> Chunk {
         let (image, depth) = dense();
-        Chunk::new(&CAMERA, &image, &depth)
+        Chunk::new(&CAMERA, &image, None, &depth)
     }
 
     pub fn scene(count: u32) -> Scene {

@@ -190,7 +190,9 @@ impl CommonMap {
                 new.push((displayed.id, keyframe));
             }
         }
-        let chunk = |(id, k): (u32, &Keyframe)| (id, Chunk::new(map.camera(k), &k.image, &k.semi_dense));
+        let chunk = |(id, k): (u32, &Keyframe)| {
+            (id, Chunk::new(map.camera(k), &k.image, k.color.as_ref(), &k.semi_dense))
+        };
         new.into_par_iter().map(chunk).collect()
     }
 }

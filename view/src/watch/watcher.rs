@@ -76,7 +76,9 @@ impl Watcher {
         let chunks: Vec<_> = pending
             .depths
             .drain(..)
-            .map(|Depth { id, image, semi_dense }| (id.0, Chunk::new(&self.camera, &image, &semi_dense)))
+            .map(|Depth { id, image, color, semi_dense }| {
+                (id.0, Chunk::new(&self.camera, &image, color.as_ref(), &semi_dense))
+            })
             .collect();
         if pending.anew {
             (self.poses, self.frames, self.first_frames, self.loops) = Default::default();

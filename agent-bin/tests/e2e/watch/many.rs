@@ -33,7 +33,10 @@ fn road(keyframes: u32, points: usize) -> Scene {
             }
             bytes.extend([if window { 60 } else { 150 + (y / 6) as u8 }, 80]);
         }
-        scene.set_chunk(id, Chunk { camera: CAMERA, inverse_depth: [0.05, 0.6], points: bytes });
+        scene.set_chunk(
+            id,
+            Chunk { camera: CAMERA, inverse_depth: [0.05, 0.6], points: bytes, colors: Vec::new() },
+        );
     }
     let points = scene.points();
     scene.set_status(Status { state: "saved", keyframes: keyframes as usize, points, ..Status::default() });

@@ -7,6 +7,8 @@ export const cloud = {
   count: data.cloud.count,
   position: unpack(data.cloud.position, Uint16Array),
   value: unpack(data.cloud.value, Uint8Array),
+  /** Red, green and blue of each point, where the images have colours. */
+  color: data.cloud.color ? unpack(data.cloud.color, Uint8Array) : null,
   /** First point of each keyframe, and the end. */
   starts: unpack(data.cloud.per_keyframe, Uint32Array).reduce((starts, n) => (starts.push(starts[starts.length - 1] + n), starts), [0]),
   /** A point's place in the world. */

@@ -102,6 +102,7 @@ export class Controls {
     if (span[0] <= span[1]) [slider.min, slider.max, slider.value] = [span[0], span[1], span[1]];
     slider.disabled = span[0] >= span[1];
     this.withoutImages(form);
+    if (cloud.color) this.offerColours();
     this.offerAgents(form);
     const read = () => {
       const { settings } = viewer;
@@ -133,6 +134,16 @@ export class Controls {
     if (!agents.every((agent) => agent.isLidar)) return;
     form.querySelectorAll("[data-of=images]").forEach((node) => (node.hidden = true));
     form.elements.colour.value = "1";
+  }
+
+  /** Where images have colours, those are what is shown first of one agent. */
+  offerColours() {
+    const radio = byId("controls").querySelector("[name=colour][value='5']");
+    if (!radio.parentElement.hidden) return;
+    radio.parentElement.hidden = false;
+    if (agents.length > 1) return;
+    radio.checked = true;
+    radio.dispatchEvent(new Event("input", { bubbles: true }));
   }
 
   /** Several agents are told apart by colour and shown one by one. */

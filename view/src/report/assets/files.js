@@ -1,10 +1,10 @@
 // What is shown, as files of other tools.
 
 /**
- * A cloud as binary PLY: of each point x, y, z and its grey as red, green, blue.
- * @param {number[][]} places @param {number[]} greys @param {string} comment
+ * A cloud as binary PLY: of each point x, y, z and red, green, blue.
+ * @param {number[][]} places @param {ArrayLike<number>[]} colours @param {string} comment
  */
-export function plyFile(places, greys, comment) {
+export function plyFile(places, colours, comment) {
   const properties = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue"];
   const lines = ["ply", "format binary_little_endian 1.0", `comment ${comment}`, `element vertex ${places.length}`];
   const head = new TextEncoder().encode([...lines, ...properties.map((p) => `property ${p}`), "end_header", ""].join("\n"));
@@ -13,7 +13,7 @@ export function plyFile(places, greys, comment) {
   places.forEach((p, i) => {
     const at = head.length + i * 15;
     p.forEach((v, axis) => view.setFloat32(at + axis * 4, v, true));
-    bytes.fill(greys[i], at + 12, at + 15);
+    bytes.set(colours[i], at + 12);
   });
   return bytes;
 }

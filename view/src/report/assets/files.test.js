@@ -3,13 +3,13 @@ import test from "node:test";
 import { plyFile, tumFile } from "./files.js";
 
 test("a cloud is a PLY of as many points as it says", () => {
-  const bytes = plyFile([[1, 2, 3], [-0.5, 0, 1e6]], [7, 255], "loopbox, m");
+  const bytes = plyFile([[1, 2, 3], [-0.5, 0, 1e6]], [[9, 8, 7], [255, 254, 1]], "loopbox, m");
   const text = Buffer.from(bytes).toString("latin1"), end = text.indexOf("end_header\n") + 11;
   assert.ok(text.startsWith("ply\nformat binary_little_endian 1.0\ncomment loopbox, m\nelement vertex 2\nproperty float x\n"));
   const view = new DataView(bytes.buffer, end);
   assert.equal(view.byteLength, 2 * 15);
   assert.deepEqual([0, 4, 8].map((at) => view.getFloat32(15 + at, true)), [-0.5, 0, 1e6]);
-  assert.deepEqual([12, 13, 14].map((at) => view.getUint8(at)), [7, 7, 7]);
+  assert.deepEqual([12, 13, 14].map((at) => view.getUint8(at)), [9, 8, 7]);
 });
 
 test("a trajectory is TUM text of the frames asked for", () => {

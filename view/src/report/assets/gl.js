@@ -3,6 +3,7 @@
 export const POINT_VERTEX = `#version 300 es
 layout(location = 0) in vec4 a_position;  // x, y, z over the box; inverse depth over its range
 layout(location = 1) in vec2 a_value;     // intensity, code of the relative sigma
+layout(location = 2) in vec3 a_colour;    // in the image
 uniform mat4 u_clip_from_box, u_world_from_box;
 uniform vec3 u_low, u_high;               // the part of the levelled world that is not cut away
 uniform vec2 u_heights;                   // heights that the colours span
@@ -10,6 +11,7 @@ uniform vec3 u_depth;                     // inverse depth over its range = dot(
 uniform float u_size, u_sigma;
 uniform vec2 u_codes;                     // codes that the colours of confidence span
 uniform int u_mode;
+uniform bool u_coloured;                  // whether the points have colours
 uniform vec3 u_agent;                     // colour of the agent
 uniform sampler2D u_colours;              // row 0: ordered, row 1: depth
 out vec3 v_colour;
@@ -22,6 +24,7 @@ void main() {
   if (cut || a_value.y > u_sigma) gl_Position = vec4(2.0, 2.0, 2.0, 1.0);
   float t = u_mode == 1 ? (place.z - u_heights.x) / (u_heights.y - u_heights.x) : u_mode == 2 ? dot(u_depth, vec3(a_position.zw, 1.0)) : (u_codes.y - a_value.y) / (u_codes.y - u_codes.x);
   vec3 mapped = texture(u_colours, vec2(clamp(t, 0.0, 1.0) * 255.0 / 256.0 + 0.5 / 256.0, u_mode == 2 ? 0.75 : 0.25)).rgb;
+  if (u_mode == 5) mapped = u_coloured ? a_colour : vec3(a_value.x);
   if (u_mode == 4) mapped = min(u_agent * (0.40 + 1.1 * a_value.x), 1.0);
   v_colour = u_mode == 0 ? vec3(0.10) + 0.90 * vec3(a_value.x) : mapped;
 }`;

@@ -4,9 +4,9 @@ import { multiply, transform } from "./vectors.js";
 
 /**
  * Points in a row: three words of each place it in a unit cube, over 65535, from which `matrix` (homogeneous) leads to the
- * levelled world; of its bytes one is the intensity and one the code of its relative σ.
+ * levelled world; of its bytes one is the intensity and one the code of its relative σ. `colours` has red, green and blue of each.
  * @typedef {{ matrix: number[], first: number, end: number, words: Uint16Array, wordStride: number, bytes: Uint8Array,
- *   byteStride: number, grey: number, code: number }} Block
+ *   byteStride: number, grey: number, code: number, colours?: Uint8Array | null }} Block
  */
 /** What is kept of the levelled world. @typedef {{ low: number[], high: number[] }} Box */
 /**
@@ -34,16 +34,16 @@ export const isWithin = (box, p) => !box || p.every((v, i) => v >= box.low[i] &&
 
 /**
  * Calls `visit` with each point that is as sure as `sigma` (a code) or surer and lies in the box, in the levelled world, and
- * with its intensity.
- * @param {Iterable<Block>} blocks @param {number} sigma @param {Box | null} box @param {(p: number[], grey: number) => void} visit
+ * with its red, green and blue: where there are no colours, three times its intensity.
+ * @param {Iterable<Block>} blocks @param {number} sigma @param {Box | null} box @param {(p: number[], colour: ArrayLike<number>) => void} visit
  */
 export function eachPoint(blocks, sigma, box, visit) {
   for (const block of blocks) {
-    const { bytes, byteStride, grey, code } = block;
+    const { bytes, byteStride, grey, code, colours } = block;
     for (let i = block.first; i < block.end; i++) {
       if (bytes[i * byteStride + code] > sigma) continue;
       const p = through(block.matrix, inCube(block, i));
-      if (isWithin(box, p)) visit(p, bytes[i * byteStride + grey]);
+      if (isWithin(box, p)) visit(p, colours ? colours.subarray(i * 3, i * 3 + 3) : new Array(3).fill(bytes[i * byteStride + grey]));
     }
   }
 }

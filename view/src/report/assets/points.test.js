@@ -15,8 +15,11 @@ const close = (a, b) => a.forEach((v, i) => assert.ok(Math.abs(v - b[i]) < 1e-4,
 
 test("uncertain points and those cut away are not shown", () => {
   const seen = [];
-  eachPoint([block([[0, 0, 0, 10, 5], [0.5, 0, 0, 20, 6], [1, 0, 0, 30, 5], [1, 1, 0, 40, 5]])], 5, { low: [0.5, -Infinity, -1], high: [1, 0.5, 1] }, (p, grey) => seen.push([...p, grey]));
+  eachPoint([block([[0, 0, 0, 10, 5], [0.5, 0, 0, 20, 6], [1, 0, 0, 30, 5], [1, 1, 0, 40, 5]])], 5, { low: [0.5, -Infinity, -1], high: [1, 0.5, 1] }, (p, [grey]) => seen.push([...p, grey]));
   assert.deepEqual(seen, [[1, 0, 0, 30]]);
+  const coloured = { ...block([[0, 0, 0, 10, 9], [1, 0, 0, 20, 0]]), colours: Uint8Array.from([1, 2, 3, 4, 5, 6]) };
+  eachPoint([coloured], 5, null, (_, colour) => seen.push([...colour]));
+  assert.deepEqual(seen[1], [4, 5, 6]);
   assert.ok(isWithin(null, [1e9, 0, 0]));
 });
 

@@ -140,12 +140,12 @@ class Saver {
   }
 
   saveCloud() {
-    const { viewer } = this, { sigma, cut } = viewer.settings, places = [], greys = [];
-    eachPoint(viewer.blocks(), sigma, cut, (p, grey) => {
+    const { viewer } = this, { sigma, cut } = viewer.settings, places = [], colours = [];
+    eachPoint(viewer.blocks(), sigma, cut, (p, colour) => {
       places.push(viewer.scene.unlevel(p));
-      greys.push(grey);
+      colours.push(colour);
     });
-    download(fileName("cloud", "ply"), plyFile(places, greys, `loopbox, ${LENGTH_UNIT}`), "application/octet-stream");
+    download(fileName("cloud", "ply"), plyFile(places, colours, `loopbox, ${LENGTH_UNIT}`), "application/octet-stream");
     document.documentElement.dataset.saved = String(places.length);
   }
 

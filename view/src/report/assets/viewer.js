@@ -90,7 +90,9 @@ export class Viewer extends Drawing {
     const gl = this.gl;
     this.cloudArray = gl.createVertexArray();
     gl.bindVertexArray(this.cloudArray);
-    [[0, 4, gl.UNSIGNED_SHORT, cloud.position], [1, 2, gl.UNSIGNED_BYTE, cloud.value]].forEach(([location, size, type, values]) => {
+    const attributes = [[0, 4, gl.UNSIGNED_SHORT, cloud.position], [1, 2, gl.UNSIGNED_BYTE, cloud.value]];
+    if (cloud.color) attributes.push([2, 3, gl.UNSIGNED_BYTE, cloud.color]);
+    attributes.forEach(([location, size, type, values]) => {
       gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
       gl.bufferData(gl.ARRAY_BUFFER, values, gl.STATIC_DRAW);
       gl.enableVertexAttribArray(location);
@@ -275,6 +277,7 @@ export class Viewer extends Drawing {
     gl.uniformMatrix4fv(uniforms.u_clip_from_box, false, multiply(matrix, this.worldFromBox));
     gl.uniformMatrix4fv(uniforms.u_world_from_box, false, this.worldFromBox);
     gl.uniform3f(uniforms.u_depth, 0, 1, 0);
+    gl.uniform1i(uniforms.u_coloured, cloud.color ? 1 : 0);
     gl.bindVertexArray(this.cloudArray);
     for (const { agent, first, end } of this.shownPoints()) {
       gl.uniform3fv(uniforms.u_agent, agents[agent].color.map((v) => v / 255));
@@ -292,7 +295,7 @@ export class Viewer extends Drawing {
 
   /** The points shown as blocks (`points.js`). */
   blocks() {
-    const held = { matrix: this.worldFromBox, words: cloud.position, wordStride: 4, bytes: cloud.value, byteStride: 2, grey: 0, code: 1 };
+    const held = { matrix: this.worldFromBox, words: cloud.position, wordStride: 4, bytes: cloud.value, byteStride: 2, grey: 0, code: 1, colours: cloud.color };
     return this.settings.layers.has("cloud") ? this.shownPoints().map(({ first, end }) => ({ ...held, first, end })) : [];
   }
 

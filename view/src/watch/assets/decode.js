@@ -15,9 +15,9 @@ const WORDS = { keyframe: 16, step: 11, chunk: 12, picture: 7 };
  */
 /**
  * Points of a keyframe: pixel and inverse depth as shares of 65535 (`words`, 4 a point), intensity and code of the
- * relative σ (the last two of each 8 `bytes`).
+ * relative σ (the last two of each 8 `bytes`); red, green and blue of each, where the image has colours.
  * @typedef {{ id: number, agent: number, count: number, camera: { width: number, height: number, fx: number, fy: number,
- *   cx: number, cy: number }, depth: [number, number], bytes: Uint8Array, words: Uint16Array }} Chunk
+ *   cx: number, cy: number }, depth: [number, number], bytes: Uint8Array, words: Uint16Array, colours: Uint8Array | null }} Chunk
  */
 /**
  * An image with depths over it: pixels as x and y, codes of their colours, the range of inverse depth.
@@ -54,10 +54,11 @@ function decodeSteps(words, floats) {
 function decodeChunk(words, floats) {
   const [, id, agent, count, width, height] = words;
   const [fx, fy, cx, cy, low, high] = floats.subarray(6, 12);
-  const start = WORDS.chunk * 4;
+  const start = WORDS.chunk * 4, end = start + count * 8;
   return {
     id, agent, count, camera: { width, height, fx, fy, cx, cy }, depth: [low, high],
     bytes: new Uint8Array(words.buffer, start, count * 8), words: new Uint16Array(words.buffer, start, count * 4),
+    colours: words.buffer.byteLength >= end + count * 3 && count ? new Uint8Array(words.buffer, end, count * 3) : null,
   };
 }
 

@@ -46,6 +46,9 @@ test("a chunk's points are seen as words and as bytes", () => {
   assert.deepEqual([value.id, value.agent, value.count], [12, 1, 1]);
   assert.deepEqual(value.camera, { width: 640, height: 480, fx: 500, fy: 501, cx: 319.5, cy: 239.5 });
   assert.deepEqual([...value.depth, ...value.words.slice(0, 3), value.bytes[6], value.bytes[7]], [0.125, 2, 65535, 0x8000, 1, 200, 40]);
+  assert.equal(value.colours, null);
+  const coloured = decode(message(3, 12, 1, 1, 640, 480, ...floats(500, 501, 319.5, 239.5, 0.125, 2), [...point, 10, 20, 30]));
+  assert.deepEqual([...coloured.value.colours], [10, 20, 30]);
 });
 
 test("a picture has its depths over it", () => {

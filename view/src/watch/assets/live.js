@@ -104,7 +104,10 @@ const handlers = {
   },
   chunk: (chunk) => {
     setChunk(chunk);
-    on3d(() => viewer.redraw());
+    on3d(() => {
+      if (chunk.colours) controls.offerColours();
+      viewer.redraw();
+    });
   },
   picture: (picture) => panel.picture.show(picture),
   link: (open) => panel.link(open),

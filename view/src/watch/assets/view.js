@@ -159,10 +159,18 @@ export class LiveViewer extends Viewer {
     gl.vertexAttribPointer(0, 3, gl.UNSIGNED_SHORT, true, 8, 0);
     gl.enableVertexAttribArray(1);
     gl.vertexAttribPointer(1, 2, gl.UNSIGNED_BYTE, true, 8, 6);
+    const colours = chunk.colours && gl.createBuffer();
+    if (colours) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, colours);
+      gl.bufferData(gl.ARRAY_BUFFER, chunk.colours, gl.STATIC_DRAW);
+      gl.enableVertexAttribArray(2);
+      gl.vertexAttribPointer(2, 3, gl.UNSIGNED_BYTE, true, 0, 0);
+    }
     gl.bindVertexArray(null);
     chunk.array = array;
     chunk.release = () => {
       gl.deleteBuffer(buffer);
+      gl.deleteBuffer(colours);
       gl.deleteVertexArray(array);
     };
   }
@@ -196,6 +204,7 @@ export class LiveViewer extends Viewer {
       gl.uniformMatrix4fv(uniforms.u_world_from_box, false, m);
       gl.uniform3f(uniforms.u_depth, weight[2] / range, 0, (weight[3] - low) / range);
       gl.uniform3fv(uniforms.u_agent, agents[chunk.agent].color.map((v) => v / 255));
+      gl.uniform1i(uniforms.u_coloured, chunk.colours ? 1 : 0);
       gl.bindVertexArray(chunk.array);
       gl.drawArrays(gl.POINTS, 0, counts[i]);
       this.drawn += counts[i];
@@ -208,7 +217,7 @@ export class LiveViewer extends Viewer {
     const chunks = [...store.chunks.values()].filter((chunk) => chunk.count && this.settings.agents.has(chunk.agent));
     return chunks.map((chunk) => ({
       matrix: chunk.matrix || this.chunkMatrix(chunk), first: 0, end: chunk.count,
-      words: chunk.words, wordStride: 4, bytes: chunk.bytes, byteStride: 8, grey: 6, code: 7,
+      words: chunk.words, wordStride: 4, bytes: chunk.bytes, byteStride: 8, grey: 6, code: 7, colours: chunk.colours,
     }));
   }
 

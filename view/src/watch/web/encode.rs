@@ -87,7 +87,8 @@ fn trajectory(from: usize, steps: &[Step]) -> Vec<u8> {
     out
 }
 
-/// `kind, id, agent, count, width, height, fx, fy, cx, cy`, least and greatest inverse depth; the points.
+/// `kind, id, agent, count, width, height, fx, fy, cx, cy`, least and greatest inverse depth; the points,
+/// and behind them red, green and blue of each where there are colours.
 fn chunk(placed: &Placed, chunk: &Chunk) -> Vec<u8> {
     let camera = &chunk.camera;
     let words = [
@@ -98,10 +99,11 @@ fn chunk(placed: &Placed, chunk: &Chunk) -> Vec<u8> {
         camera.width as u32,
         camera.height as u32,
     ];
-    let mut out = begun(&words, 24 + chunk.points.len());
+    let mut out = begun(&words, 24 + chunk.points.len() + chunk.colors.len());
     put_floats(&mut out, &[camera.fx, camera.fy, camera.cx, camera.cy].map(|v| v as f32));
     put_floats(&mut out, &chunk.inverse_depth);
     out.extend_from_slice(&chunk.points);
+    out.extend_from_slice(&chunk.colors);
     out
 }
 
