@@ -90,6 +90,31 @@ fn ten_bits_and_colours_become_the_same_grey() {
 
 /// Telephones keep the sensor's rows and write into the file how it was held.
 #[test]
+fn a_video_in_colour_gives_the_colours_of_its_frames() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("red.mkv");
+    let colors = |path: &Path| {
+        let mut source = sources::open(path, &sources::SourceOptions::default()).expect("it is a video");
+        let frame = source.next_frame().expect("a frame");
+        let (_, color) = frame.picture.into_grey_and_color().expect("it decodes");
+        color.and_then(|color| color.planes())
+    };
+    let red =
+        ["-vf", "format=rgb24,colorchannelmixer=rr=1:gg=0.5:bb=0.5", "-c:v", "ffv1", "-pix_fmt", "bgr0"];
+    video(&path, 2, &red);
+    let (luma, planes) = colors(&path).expect("it is in colour");
+    assert_eq!(luma, map::Luma::Rec709);
+    for (i, level) in picture(0).into_raw().into_iter().enumerate() {
+        let expected = luma.differences([level, level / 2, level / 2]);
+        let found = [planes[0].data()[i], planes[1].data()[i]];
+        assert!(found.iter().zip(expected).all(|(a, b)| a.abs_diff(b) <= 2), "{found:?} {expected:?}");
+    }
+    // A grey video that is coded as one in colour has none.
+    video(&path, 2, &["-c:v", "ffv1", "-pix_fmt", "yuv420p"]);
+    assert!(colors(&path).is_none());
+}
+
+#[test]
 fn a_video_that_was_held_upright_stands_upright() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("held.mp4");

@@ -13,7 +13,8 @@ fn main() -> anyhow::Result<()> {
     let mut agent = Agent::new(correction.camera(), places, Params::default())?;
     while let Some(frame) = source.next_frame() {
         let image = correction.apply(frame.picture.into_grey().map_err(Error::msg)?).map_err(Error::msg)?;
-        let report = agent.process(Frame { index: frame.index, timestamp: frame.timestamp, image })?;
+        let report =
+            agent.process(Frame { index: frame.index, timestamp: frame.timestamp, image, color: None })?;
         println!("{:.3} {:?} {:?}", frame.timestamp, report.state, report.world_from_camera);
     }
     agent.finish();

@@ -172,7 +172,8 @@ mod tests {
                 agent.swap_to(Arc::new(swap));
             }
             for (index, shot) in (0..).zip(&recording.shots) {
-                let frame = Frame { image: GrayImage::clone(&shot.image), timestamp: shot.timestamp, index };
+                let image = GrayImage::clone(&shot.image);
+                let frame = Frame { image, timestamp: shot.timestamp, index, color: None };
                 agent.process(frame).unwrap();
             }
             agent.finish();

@@ -1,6 +1,6 @@
 //! Frames one by one.
 
-use crate::arrays::{grey, matrix, table};
+use crate::arrays::{matrix, picture, table};
 use crate::failed;
 use crate::maps::Map;
 use anyhow::{Context, Result, ensure};
@@ -11,7 +11,7 @@ use place_recog::ThumbnailIndex;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use slam_direct::{FrameReport, Params, TrackingState};
+use slam_direct::{FrameReport, LazyColor, Params, TrackingState};
 use sources::correction::{CameraOptions, ImageCorrection, correction};
 use sources::{FoundCalibration, SourceInfo};
 use std::fmt::Write as _;
@@ -21,7 +21,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Tracks a camera and maps what it sees.
 #[pyclass(frozen, module = "loopbox")]
 pub struct Agent {
-    correction: ImageCorrection,
+    correction: Arc<ImageCorrection>,
     name: String,
     working: Mutex<Working>,
 }
@@ -65,15 +65,17 @@ impl Agent {
         let correction = calibration.correction().map_err(failed)?;
         let places = Box::new(ThumbnailIndex::default());
         let agent = slam_direct::Agent::new(correction.camera(), places, params).map_err(failed)?;
+        let correction = Arc::new(correction);
         Ok(Self { correction, name: name.to_owned(), working: Mutex::new(Working::new(agent)) })
     }
 
     /// Tracks the next frame: rows × columns (grey) or × 3 (red, green, blue); time stamps grow, seconds.
     fn process(&self, py: Python<'_>, image: PyReadonlyArrayDyn<'_, u8>, timestamp: f64) -> PyResult<Frame> {
-        let image = grey(&image)?;
+        let picture = picture(&image)?;
         let report = py.detach(|| {
-            let image = self.correction.apply(image).map_err(anyhow::Error::msg)?;
-            self.working.lock().unwrap_or_else(PoisonError::into_inner).process(image, timestamp)
+            let picture = picture.into_grey_and_color().map_err(anyhow::Error::msg)?;
+            let frame = self.correction.frame(picture).map_err(anyhow::Error::msg)?;
+            self.working.lock().unwrap_or_else(PoisonError::into_inner).process(frame, timestamp)
         });
         let report = report.map_err(|error: anyhow::Error| failed(error))?;
         Ok(Frame {
@@ -111,14 +113,18 @@ impl Working {
         Self { agent, frames: 0, newest: f64::NEG_INFINITY }
     }
 
-    fn process(&mut self, image: GrayImage, timestamp: f64) -> Result<FrameReport> {
+    fn process(
+        &mut self,
+        (image, color): (GrayImage, Option<LazyColor>),
+        timestamp: f64,
+    ) -> Result<FrameReport> {
         let Self { frames: index, newest, .. } = *self;
         // Neither is what is no number.
         ensure!(
             timestamp > newest,
             "frame {index}: its time of {timestamp} s does not follow the {newest} s of the one before"
         );
-        let report = self.agent.process(slam_direct::Frame { index, timestamp, image })?;
+        let report = self.agent.process(slam_direct::Frame { index, timestamp, image, color })?;
         (self.frames, self.newest) = (index + 1, timestamp);
         Ok(report)
     }

@@ -5,6 +5,7 @@ use numpy::ndarray::{ArrayView1, ArrayView2};
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use sources::pictures::{Picture, RawPicture};
 
 /// A read-only view of a slice that `owner` keeps and does not change.
 ///
@@ -48,26 +49,26 @@ pub fn matrix(pose: &Se3) -> Vec<f64> {
     pose.to_matrix().transpose().as_slice().to_vec()
 }
 
-/// A grey image of an array of bytes: rows × columns, or with three or four colours, of which Rec. 709 luma is taken.
-pub fn grey(array: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<GrayImage> {
+/// The picture of an array of bytes: rows × columns, or with red, green, blue and perhaps a fourth value a pixel.
+pub fn picture(array: &PyReadonlyArrayDyn<'_, u8>) -> PyResult<Picture> {
     let pixels = array.as_array();
-    let (height, width, colours) = match *pixels.shape() {
-        [height, width] => (height, width, 1),
-        [height, width, colours @ (3 | 4)] => (height, width, colours),
+    let (height, width, encoding, step) = match *pixels.shape() {
+        [height, width] => (height, width, "mono8", width),
+        [height, width, 3] => (height, width, "rgb8", 3 * width),
+        [height, width, 4] => (height, width, "rgba8", 4 * width),
         ref other => {
             return Err(PyValueError::new_err(format!(
                 "an image of shape {other:?}: give rows × columns (grey) or rows × columns × 3 (red, green, blue) of uint8"
             )));
         }
     };
-    let bytes: Vec<u8> = match pixels.as_slice() {
+    let data: Vec<u8> = match pixels.as_slice() {
         Some(slice) => slice.to_vec(),
         None => pixels.iter().copied().collect(),
     };
-    let luma = |rgb: &[u8]| {
-        let [r, g, b] = [rgb[0], rgb[1], rgb[2]].map(u32::from);
-        ((2126 * r + 7152 * g + 722 * b) / 10_000) as u8
-    };
-    let data = if colours == 1 { bytes } else { bytes.chunks_exact(colours).map(luma).collect() };
-    GrayImage::from_vec(width, height, data).ok_or_else(|| PyValueError::new_err("the image has no pixels"))
+    if data.is_empty() {
+        return Err(PyValueError::new_err("the image has no pixels"));
+    }
+    let encoding = encoding.to_owned();
+    Ok(Picture::Raw(RawPicture { width, height, step, encoding, big_endian: false, data }))
 }

@@ -9,6 +9,7 @@
 
 mod across;
 mod claim;
+mod colors;
 mod common;
 mod depth_tasks;
 mod early;
@@ -25,7 +26,7 @@ mod shutter;
 pub use claim::Claim;
 pub use common::Joint;
 pub use error::AgentError;
-pub use frame::{Frame, FrameReport, TrackingState};
+pub use frame::{Frame, FrameReport, LazyColor, TrackingState};
 pub(crate) use joining::{Joining, Sighting};
 pub use joint_optimisation::optimise_jointly;
 pub use resume::{ResumeMode, edges_of};
@@ -49,6 +50,7 @@ use geometry::{GrayImage, Pinhole, Pyramid, Se3, Swap};
 use map::{Described, Edge, FramePose, KeyframeId, Map, MapDelta, PlaceIndex};
 use mapper::{Job, MapQuality, Mapper, Update};
 use shutter::ShutterQuestion;
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// One camera's tracker and map. Frames come in order of time.
@@ -111,6 +113,8 @@ pub struct Agent {
     shutter: ShutterQuestion,
     /// Where images of keyframes are kept, as far as it has room.
     swap: Option<Arc<dyn Swap>>,
+    /// Colours of frames that may become keyframes, by the frames' indices.
+    colors: BTreeMap<u64, LazyColor>,
 }
 
 enum State {
@@ -168,6 +172,7 @@ impl Agent {
             claim: None,
             shutter: ShutterQuestion::default(),
             swap: None,
+            colors: BTreeMap::new(),
         })
     }
 
@@ -186,6 +191,7 @@ impl Agent {
     /// When the image is not of the camera's size; the agent is as if there had been no frame.
     pub fn process(&mut self, frame: Frame) -> Result<FrameReport, AgentError> {
         self.check_size(frame.index, &frame.image)?;
+        self.keep_color(frame.index, frame.color.as_ref());
         self.processed += 1;
         self.claim = None;
         if !matches!(self.state, State::Running(_)) || self.is_relocalising && self.trial.is_none() {
@@ -267,6 +273,7 @@ impl Agent {
     /// Those of [`process`](Self::process).
     pub(crate) fn relocalise(&mut self, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
         self.check_size(frame.index, &frame.image)?;
+        self.keep_color(frame.index, frame.color.as_ref());
         let mut tracker = match std::mem::replace(&mut self.state, State::Empty) {
             State::Running(tracker) => tracker,
             other => {
@@ -525,6 +532,7 @@ impl Agent {
                 delta.provenance.insert(key.into(), value);
             }
         }
+        self.paint(&mut delta.added);
         delta.sequence = self.next_sequence;
         self.next_sequence += 1;
         self.pending_deltas.push(delta.clone());

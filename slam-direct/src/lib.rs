@@ -46,7 +46,7 @@ mod wide;
 mod window;
 
 pub use agent::{
-    Agent, AgentError, Claim, Frame, FrameReport, Joint, ResumeMode, TrackingState, edges_of,
+    Agent, AgentError, Claim, Frame, FrameReport, Joint, LazyColor, ResumeMode, TrackingState, edges_of,
     optimise_jointly,
 };
 pub use atlas::{Atlas, AtlasParams};

@@ -23,7 +23,7 @@ fn a_young_map_that_fits_nothing_is_replaced() {
         let (image, _) = render(world, &CAMERA, &pose);
         states.push(
             agent
-                .process(Frame { index: index as u64, timestamp: index as f64 / 15.0, image })
+                .process(Frame { index: index as u64, timestamp: index as f64 / 15.0, image, color: None })
                 .unwrap()
                 .state,
         );

@@ -4,6 +4,7 @@ mod mask;
 
 pub use mask::DrawnMask;
 
+use crate::pictures::ColorPicture;
 use crate::recording::CalibrationFiles;
 use crate::{FoundCalibration, SourceInfo};
 use anyhow::{Context, Result, bail};
@@ -12,7 +13,10 @@ use geometry::{
     Camera, Crop, Distortion, GrayImage, Image, ImageSizeError, PhotometricCalibration, Pinhole, Undistorter,
     halved,
 };
+use map::Color;
+use slam_direct::LazyColor;
 use std::path::PathBuf;
+use std::sync::Arc;
 
 /// Views wider than this, degrees, need a fisheye model: rectilinear lenses end near 120°.
 pub const WIDEST_VIEW: f64 = 130.0;
@@ -185,6 +189,29 @@ impl ImageCorrection {
     }
 }
 
+impl ImageCorrection {
+    /// A decoded picture as a frame has it: the corrected grey image, and its colours, which are decoded and corrected when
+    /// they are asked for; the error says why it does not fit.
+    pub fn frame(
+        self: &Arc<Self>,
+        (image, color): (GrayImage, Option<ColorPicture>),
+    ) -> Result<(GrayImage, Option<LazyColor>), String> {
+        let image = self.apply(image)?;
+        let correction = Arc::clone(self);
+        let color = color.map(|color| LazyColor::new(move || correction.color(&color)));
+        Ok((image, color))
+    }
+
+    /// The colours of a picture, corrected as its grey levels are; only response and vignette are left in them. `None` where
+    /// it has none, or does not fit.
+    pub fn color(&self, picture: &ColorPicture) -> Option<Color> {
+        let (luma, planes) = picture.planes()?;
+        let placed = |plane| self.undistorter.undistort(&halved_image(plane, self.halvings)).ok();
+        let [blue, red] = planes.map(placed);
+        Color::of_planes(luma, [&blue?, &red?])
+    }
+}
+
 /// The correction for a recording: from the user's calibration if there is one, else from what came with it.
 ///
 /// # Errors
@@ -305,6 +332,43 @@ mod tests {
         assert_eq!(*half.intrinsics(), expected);
         assert_eq!(doubled_camera(&half, (1920, 1080), 1).expect("twice that"), camera);
         assert_eq!(halved_image(GrayImage::filled(1920, 1080, 7), 1), GrayImage::filled(960, 540, 7));
+    }
+
+    /// Where the lens bends and images are halved, colours lie where the grey levels do.
+    #[test]
+    fn colours_are_corrected_as_the_image_is() {
+        use crate::pictures::{Picture, RawPicture};
+        use geometry::RadTan;
+        let (width, height) = (640, 480);
+        let pinhole = Pinhole { width, height, fx: 400.0, fy: 400.0, cx: 320.0, cy: 240.0 };
+        let lens = Distortion::RadTan(RadTan::new(&[-0.25, 0.05, 0.0, 0.0]).expect("a lens"));
+        let camera = Box::new(Camera::new(pinhole, lens).expect("a camera"));
+        let calibration = Some(FoundCalibration::Inside { origin: "a test".into(), camera });
+        let info = SourceInfo { calibration, ..SourceInfo::new("a picture", "a test") };
+        let options = CameraOptions { max_width: 320, ..CameraOptions::default() };
+        let correction = Arc::new(correction(&options, &info).expect("a correction"));
+        // Stripes of two colours, which the lens bends.
+        let color = |i: usize| if (i % width) / 80 % 2 == 0 { [210, 60, 50] } else { [40, 80, 220] };
+        let channel = |c: usize| {
+            let data = (0..width * height).map(|i| color(i)[c]).collect();
+            correction.apply(GrayImage::from_vec(width, height, data).expect("a channel")).expect("it fits")
+        };
+        let expected = [0, 1, 2].map(channel);
+        let data = (0..width * height).flat_map(color).collect();
+        let (step, encoding) = (3 * width, "rgb8".to_owned());
+        let picture = Picture::Raw(RawPicture { width, height, step, encoding, big_endian: false, data });
+        let (image, lazy) =
+            correction.frame(picture.into_grey_and_color().expect("it decodes")).expect("it fits");
+        let size = (image.width(), image.height());
+        let colors =
+            lazy.and_then(|lazy| lazy.get()).expect("it has colours").decoded(size).expect("its size");
+        let is_far = |i: &usize| {
+            let found = colors.at(i % size.0, i / size.0, image.data()[*i]);
+            (0..3).any(|c| found[c].abs_diff(expected[c].data()[*i]) > 40)
+        };
+        // Beside the edges of the stripes colours are those of two pixels.
+        let far = (0..size.0 * size.1).filter(is_far).count();
+        assert!(far * 50 < size.0 * size.1, "{far} of {} pixels", size.0 * size.1);
     }
 
     #[test]

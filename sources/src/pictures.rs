@@ -1,6 +1,7 @@
 //! Pictures as files and messages store them, and their conversion to grey images.
 
 mod bayer;
+mod color;
 mod depth;
 mod ends;
 mod jpeg;
@@ -9,6 +10,7 @@ mod metadata;
 mod raw;
 mod rows;
 
+pub use color::{ColorPicture, ColorPlanes};
 pub use depth::read_depth_image;
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
 pub use levels::{GreyRange, Levels};
@@ -49,19 +51,31 @@ enum Grey {
     Sixteen(Image<u16>),
 }
 
+/// Grey levels, and the picture that they were decoded from if it has colours.
+struct Decoded {
+    grey: Grey,
+    color: Option<ColorPicture>,
+}
+
 impl Picture {
     /// The picture as grey levels 0–255, or why there is none.
     ///
     /// Colour becomes Rec. 709 luma; of JPEG files and YUV layouts the luma they hold is taken, of Bayer mosaics the mean of the
     /// colours around each pixel. Levels of 16-bit samples are those of the picture's range, or their high byte where it has none.
     pub fn into_grey(self) -> Result<GrayImage, String> {
+        self.into_grey_and_color().map(|(grey, _)| grey)
+    }
+
+    /// The same, and what its colours can be decoded from, where it may have some. Pictures of 16-bit samples give none.
+    pub fn into_grey_and_color(self) -> Result<(GrayImage, Option<ColorPicture>), String> {
         let (picture, range) = match self {
             Picture::Ranged(picture, range) => (*picture, range),
             picture => (picture, GreyRange::WHOLE),
         };
-        match picture.levels()? {
-            Grey::Eight(image) => Ok(image),
-            Grey::Sixteen(image) => range.apply(&image),
+        let Decoded { grey, color } = picture.decoded()?;
+        match grey {
+            Grey::Eight(image) => Ok((image, color)),
+            Grey::Sixteen(image) => Ok((range.apply(&image)?, None)),
         }
     }
 
@@ -91,36 +105,41 @@ impl Picture {
         }
     }
 
-    fn levels(self) -> Result<Grey, String> {
+    fn decoded(self) -> Result<Decoded, String> {
         match self {
             Picture::File(path) => read_file(&path, decode),
-            Picture::Encoded(bytes) => decode(&bytes),
-            Picture::Raw(raw) => raw.levels(),
-            Picture::Ranged(picture, _) => picture.levels(),
+            Picture::Encoded(bytes) => decode(bytes),
+            Picture::Raw(raw) => Ok(Decoded { grey: raw.levels()?, color: ColorPicture::raw(raw) }),
+            Picture::Ranged(picture, _) => picture.decoded(),
             Picture::Broken(reason) | Picture::Mistimed(reason) | Picture::OfOther(reason) => Err(reason),
         }
     }
 }
 
 /// Reads an image's file as `read` does its bytes; what is wrong names the file.
-fn read_file<T>(path: &Path, read: impl FnOnce(&[u8]) -> Result<T, String>) -> Result<T, String> {
+fn read_file<T>(path: &Path, read: impl FnOnce(Vec<u8>) -> Result<T, String>) -> Result<T, String> {
     let of_file = |what: String| format!("{}: {what}", path.display());
     let about = std::fs::metadata(path).map_err(|e| of_file(e.to_string()))?;
     if about.len() > MAX_BYTES as u64 {
         return Err(of_file(format!("{} bytes are no image", about.len())));
     }
     let bytes = std::fs::read(path).map_err(|e| of_file(e.to_string()))?;
-    read(&bytes).map_err(of_file)
+    read(bytes).map_err(of_file)
 }
 
 /// Decodes the bytes of a PNG, JPEG, PNM, TIFF or BMP file.
-fn decode(bytes: &[u8]) -> Result<Grey, String> {
-    if jpeg::is_jpeg(bytes)
-        && let Some(luma) = decode_jpeg(bytes)?
+fn decode(bytes: Vec<u8>) -> Result<Decoded, String> {
+    if jpeg::is_jpeg(&bytes)
+        && let Some((luma, has_color)) = jpeg::decode_luma(&bytes)?
     {
-        return Ok(Grey::Eight(luma));
+        return Ok(Decoded {
+            grey: Grey::Eight(luma),
+            color: has_color.then(|| ColorPicture::encoded(bytes)),
+        });
     }
-    to_grey(decode_any(bytes, "PNG, JPEG, PGM, TIFF or BMP")?)
+    let image = decode_any(&bytes, "PNG, JPEG, PGM, TIFF or BMP")?;
+    let color = image.color().has_color().then(|| ColorPicture::encoded(bytes));
+    Ok(Decoded { grey: to_grey(image)?, color })
 }
 
 /// Decodes the bytes of an image file of any kind that the program knows, once its size was found to be one; `kinds` are

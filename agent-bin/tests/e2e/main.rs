@@ -9,6 +9,7 @@
 mod accuracy;
 mod board;
 mod claims;
+mod color;
 mod damaged;
 #[path = "../common/documented.rs"]
 mod documented;

@@ -2,7 +2,7 @@
 
 use anyhow::{Result, bail};
 use geometry::{Camera, Crop, GrayImage, Image, Pinhole, Se3, Sim3, Undistorter};
-use map::{Edge, FramePose, Keyframe, KeyframeId, SemiDense};
+use map::{Color, Edge, FramePose, Keyframe, KeyframeId, SemiDense};
 use slam_direct::{DepthParams, candidate_pixels};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,11 +31,17 @@ pub(super) struct Posed<'a> {
 /// scale in parts; what merging allows neighbouring keyframes of our own maps.
 const DEVIATIONS: [f64; 3] = [0.01, 0.005, 0.01];
 
-/// A grey image that has the camera's size and the lens taken out.
-pub(super) fn undistorted(path: &Path, undistorter: &Undistorter) -> Result<GrayImage> {
-    let image = sources::pictures::Picture::File(path.to_owned()).into_grey().map_err(anyhow::Error::msg)?;
+/// A grey image that has the camera's size and the lens taken out, and its colours if it has some.
+pub(super) fn undistorted(path: &Path, undistorter: &Undistorter) -> Result<(GrayImage, Option<Color>)> {
+    let picture = sources::pictures::Picture::File(path.to_owned());
+    let (image, color) = picture.into_grey_and_color().map_err(anyhow::Error::msg)?;
+    let color = color.and_then(|color| {
+        let (luma, planes) = color.planes()?;
+        let [blue, red] = planes.map(|plane| undistorter.undistort(&plane).ok());
+        Color::of_planes(luma, [&blue?, &red?])
+    });
     match undistorter.undistort(&image) {
-        Ok(image) => Ok(image),
+        Ok(image) => Ok((image, color)),
         Err(problem) => bail!("{}: {problem}", path.display()),
     }
 }
@@ -46,9 +52,9 @@ pub(super) fn undistorter(camera: &Camera, pinhole: Option<Pinhole>) -> Result<U
 }
 
 /// A keyframe without depth.
-pub(super) fn keyframe(posed: &Posed, image: GrayImage) -> Keyframe {
-    let pose = Sim3::from(posed.world_from_camera);
-    Keyframe::of_image(KeyframeId(posed.index as u32), posed.timestamp, posed.frame_index, pose, image.into())
+pub(super) fn keyframe(posed: &Posed, (image, color): (GrayImage, Option<Color>)) -> Keyframe {
+    let (id, pose) = (KeyframeId(posed.index as u32), Sim3::from(posed.world_from_camera));
+    Keyframe { color, ..Keyframe::of_image(id, posed.timestamp, posed.frame_index, pose, image.into()) }
 }
 
 /// The depths of a depth image where the image has contrast, as a map has them. `distance` is that along the optical axis

@@ -92,7 +92,7 @@ fn keyframe(
     undistorter: &Undistorter,
     per_metre: f64,
 ) -> Result<Keyframe> {
-    let image = build::undistorted(posed.image, undistorter)?;
+    let (image, color) = build::undistorted(posed.image, undistorter)?;
     let measured = read_depth_image(depth).map_err(anyhow::Error::msg)?;
     let (size, expected) =
         ((measured.width(), measured.height()), (camera.intrinsics().width, camera.intrinsics().height));
@@ -111,7 +111,7 @@ fn keyframe(
     };
     let deviation = |inverse_depth: f64| INVERSE_DEPTH_DEVIATION.max(MIN_DEVIATION * inverse_depth);
     let semi_dense = build::semi_dense(&image, undistorter.valid(), distance, deviation);
-    Ok(Keyframe { semi_dense: semi_dense.into(), ..build::keyframe(posed, image) })
+    Ok(Keyframe { semi_dense: semi_dense.into(), ..build::keyframe(posed, (image, color)) })
 }
 
 /// The value of a depth image in the direction of a ray: that of the nearest pixel.

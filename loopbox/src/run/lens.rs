@@ -355,7 +355,7 @@ fn map_with(
         }
         newest = timestamp;
         let Ok(image) = undistorter.undistort(&halved_image(image, halvings)) else { continue };
-        let state = agent.process(Frame { index, timestamp, image })?.state;
+        let state = agent.process(Frame { index, timestamp, image, color: None })?.state;
         lost = if state == TrackingState::Lost { lost + 1 } else { 0 };
         if size(agent.map()) >= ENOUGH_KEYFRAMES {
             break;

@@ -65,7 +65,7 @@ fn track(path: Vec<Se3>) -> Drive {
             early = Some(agent.snapshot());
         }
         let image = shot.image.as_ref().clone();
-        agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image }).unwrap();
+        agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image, color: None }).unwrap();
     }
     agent.finish();
     let early = early.expect("a recording has a first part");

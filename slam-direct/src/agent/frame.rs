@@ -2,7 +2,9 @@
 
 use super::Claim;
 use geometry::{GrayImage, Se3};
-use map::{KeyframeId, MapDelta};
+use map::{Color, KeyframeId, MapDelta};
+use std::fmt;
+use std::sync::Arc;
 
 /// One image to process.
 #[derive(Clone, Debug)]
@@ -13,6 +15,30 @@ pub struct Frame {
     pub timestamp: f64,
     /// Undistorted grey image, of the size of the agent's camera.
     pub image: GrayImage,
+    /// Its colours, where it has some. Tracking does not look at them; a keyframe keeps them.
+    pub color: Option<LazyColor>,
+}
+
+/// Colours of an image that are computed when the frame becomes a keyframe, which few do.
+#[derive(Clone)]
+pub struct LazyColor(Arc<dyn Fn() -> Option<Color> + Send + Sync>);
+
+impl LazyColor {
+    /// The colours that `compute` gives: the same each time, or none.
+    pub fn new(compute: impl Fn() -> Option<Color> + Send + Sync + 'static) -> Self {
+        Self(Arc::new(compute))
+    }
+
+    /// Computes them.
+    pub fn get(&self) -> Option<Color> {
+        (self.0)()
+    }
+}
+
+impl fmt::Debug for LazyColor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("LazyColor")
+    }
 }
 
 /// The state of the agent.

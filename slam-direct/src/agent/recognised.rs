@@ -73,6 +73,7 @@ impl Agent {
         self.processed += 1;
         self.claim = None;
         let Frame { timestamp, index, .. } = found.newest;
+        self.keep_color(index, found.newest.color.as_ref());
         if is_claim {
             return Ok(self.begin_claim(found, (timestamp, index), report));
         }

@@ -32,7 +32,7 @@ fn feed(agent: &mut Agent, picture: impl Fn(usize, &GrayImage) -> GrayImage) -> 
     shots
         .map(|(i, shot)| {
             let (index, timestamp, image) = (i as u64, shot.timestamp, picture(i, &shot.image));
-            agent.process(Frame { index, timestamp, image }).unwrap()
+            agent.process(Frame { index, timestamp, image, color: None }).unwrap()
         })
         .collect()
 }
@@ -94,7 +94,7 @@ fn a_snapshot_is_a_whole_map_of_an_agent_that_continues() {
             snapshot = Some(agent.snapshot());
         }
         let (index, timestamp, image) = (i as u64, shot.timestamp, shot.image.as_ref().clone());
-        agent.process(Frame { index, timestamp, image }).unwrap();
+        agent.process(Frame { index, timestamp, image, color: None }).unwrap();
     }
     agent.finish();
     let snapshot = snapshot.unwrap();
@@ -160,7 +160,7 @@ fn who_takes_in_all_deltas_has_the_map() {
         let mut next = 0;
         for (i, shot) in drive().shots.iter().enumerate() {
             let (index, timestamp, image) = (i as u64, shot.timestamp, shot.image.as_ref().clone());
-            for delta in agent.process(Frame { index, timestamp, image }).unwrap().deltas {
+            for delta in agent.process(Frame { index, timestamp, image, color: None }).unwrap().deltas {
                 assert_eq!(delta.sequence, next);
                 next += 1;
                 replica.take_in(delta);
@@ -198,7 +198,7 @@ fn a_camera_that_stays_somewhere_makes_no_more_keyframes() {
             let shot = &drive().shots[if pass % 2 == 0 { i } else { count - 1 - i }];
             let (index, timestamp) = ((pass * count + i) as u64, (pass * count + i) as f64 / 20.0);
             let image = shot.image.as_ref().clone();
-            let report = agent.process(Frame { index, timestamp, image }).unwrap();
+            let report = agent.process(Frame { index, timestamp, image, color: None }).unwrap();
             of_pass += usize::from(report.new_keyframe.is_some());
         }
         made.push(of_pass);
@@ -274,7 +274,7 @@ fn what_moves_with_a_camera_that_turns_gets_neither_points_nor_depth() {
     for (i, shot) in walk.shots.iter().enumerate() {
         let (index, timestamp) = (i as u64, shot.timestamp);
         let image = with_bars_and_letters(i, &shot.image);
-        agent.process(Frame { index, timestamp, image }).unwrap();
+        agent.process(Frame { index, timestamp, image, color: None }).unwrap();
     }
     agent.finish();
     let edges = [camera.height / 8, camera.height - camera.height / 8];
@@ -300,7 +300,8 @@ fn a_map_whose_first_keyframes_found_no_depth_is_begun_again() {
             agent.map_quality = MapQuality::Broken;
         }
         let image = shot.image.as_ref().clone();
-        let report = agent.process(Frame { index: i as u64, timestamp: shot.timestamp, image }).unwrap();
+        let report =
+            agent.process(Frame { index: i as u64, timestamp: shot.timestamp, image, color: None }).unwrap();
         begun.extend((report.reason == Some("its first keyframes found no depth")).then_some(i));
     }
     assert!(matches!(begun[..], [frame] if frame > 5), "{begun:?}");
@@ -336,7 +337,7 @@ fn the_reason_for_waiting_is_the_true_one() {
     let mut agent = agent();
     let (width, height) = (Recording::SMALL_CAMERA.width, Recording::SMALL_CAMERA.height);
     let mut report = |index: u64, image: GrayImage| {
-        agent.process(Frame { index, timestamp: index as f64, image }).unwrap()
+        agent.process(Frame { index, timestamp: index as f64, image, color: None }).unwrap()
     };
     let grey = report(0, GrayImage::filled(width, height, 128));
     assert_eq!((grey.state, grey.reason), (TrackingState::Starting, Some(texture)));
@@ -359,7 +360,8 @@ fn images_of_another_size_are_refused_and_do_no_harm() {
     let mut agent = agent();
     for (index, (width, height)) in [(640, 480), (319, 240), (320, 0)].into_iter().enumerate() {
         let image = GrayImage::filled(width, height, 128);
-        let error = agent.process(Frame { index: index as u64, timestamp: 0.0, image }).unwrap_err();
+        let error =
+            agent.process(Frame { index: index as u64, timestamp: 0.0, image, color: None }).unwrap_err();
         let AgentError::Size { image, camera, .. } = error else { panic!("{error}") };
         assert_eq!((image, camera), ((width, height), (320, 240)));
     }

@@ -33,6 +33,7 @@ fn feed<'a>(
         index: (first + i) as u64,
         timestamp: (first + i) as f64 / RATE,
         image: image.clone(),
+        color: None,
     };
     images
         .into_iter()

@@ -6,6 +6,7 @@ use crate::pictures::Picture;
 use crate::{FrameSource, SourceFrame, time};
 use serde::Serialize;
 use slam_direct::Frame;
+use std::sync::Arc;
 
 /// Why a frame of the source was not tracked.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
@@ -64,7 +65,7 @@ pub enum Admission {
 
 /// Makes the agent's frames from a source's.
 pub struct Preparation {
-    correction: ImageCorrection,
+    correction: Arc<ImageCorrection>,
     start: f64,
     end: f64,
     first_timestamp: Option<f64>,
@@ -77,7 +78,7 @@ impl Preparation {
     /// Takes frames from `start` to `end`, seconds after the recording's first frame.
     pub fn new(correction: ImageCorrection, start: Option<f64>, end: Option<f64>) -> Self {
         Self {
-            correction,
+            correction: Arc::new(correction),
             start: start.unwrap_or(f64::NEG_INFINITY),
             end: end.unwrap_or(f64::INFINITY),
             first_timestamp: None,
@@ -135,14 +136,14 @@ impl Preparation {
         if let Picture::OfOther(detail) = picture {
             return Item::Skipped(Skip { index, timestamp, reason: SkipReason::OtherCalibration, detail });
         }
-        let corrected = picture
-            .into_grey()
-            .map_err(|detail| (SkipReason::Unreadable, detail))
-            .and_then(|image| self.correction.apply(image).map_err(|detail| (SkipReason::WrongSize, detail)));
+        let corrected =
+            picture.into_grey_and_color().map_err(|detail| (SkipReason::Unreadable, detail)).and_then(
+                |picture| self.correction.frame(picture).map_err(|detail| (SkipReason::WrongSize, detail)),
+            );
         match corrected {
-            Ok(image) => {
+            Ok((image, color)) => {
                 self.fits = true;
-                Item::Frame(Frame { index, timestamp, image }, captured)
+                Item::Frame(Frame { index, timestamp, image, color }, captured)
             }
             Err((SkipReason::WrongSize, detail)) if !self.fits => Item::Failed(detail),
             Err((reason, detail)) => Item::Skipped(Skip { index, timestamp, reason, detail }),

@@ -172,7 +172,10 @@ mod tests {
     const LONG: Duration = Duration::from_secs(600);
 
     fn frame(index: u64) -> Item {
-        Item::Frame(Frame { index, timestamp: index as f64, image: GrayImage::filled(1, 1, 0) }, None)
+        Item::Frame(
+            Frame { index, timestamp: index as f64, image: GrayImage::filled(1, 1, 0), color: None },
+            None,
+        )
     }
 
     fn index(item: Option<Item>) -> Option<u64> {

@@ -5,6 +5,8 @@
 //! its response is zero at the three frequencies of the mosaic. So grey does not flicker from pixel to pixel, and the
 //! order need not be known.
 
+use geometry::Image;
+
 /// The grey levels of a mosaic of rows so wide. Rows and columns beyond the border are those mirrored at it, which keeps the order.
 pub fn grey<T: Copy + Into<u32> + TryFrom<u32>>(mosaic: &[T], width: usize) -> Vec<T> {
     let height = mosaic.len() / width.max(1);
@@ -24,6 +26,26 @@ pub fn grey<T: Copy + Into<u32> + TryFrom<u32>>(mosaic: &[T], width: usize) -> V
         }
     }
     grey
+}
+
+/// Red, green and blue of all pixels of a mosaic in turn: those of the square of 2×2 that each lies in, the greens'
+/// mean. `order` names the colours of a square, row by row: `rggb`. `None` of a mosaic smaller than a square.
+pub fn colors<'a>(mosaic: &'a Image<u8>, order: &str) -> Option<impl Iterator<Item = [u8; 3]> + use<'a>> {
+    let (width, height) = (mosaic.width(), mosaic.height());
+    let place = |letter: char| order.find(letter).map(|at| (at % 2, at / 2));
+    let (red, blue) = (place('r')?, place('b')?);
+    // The greens are in the same rows as the two, in the other columns.
+    let greens = [(1 - red.0, red.1), (1 - blue.0, blue.1)];
+    let is_whole = width >= 2 && height >= 2;
+    // An odd last row or column has no square of its own.
+    let begin = |at: usize, count: usize| (at / 2 * 2).min((count - 2) / 2 * 2);
+    let color = move |(x, y)| {
+        let (left, top) = (begin(x, width), begin(y, height));
+        let at = |(dx, dy): (usize, usize)| mosaic.get(left + dx, top + dy);
+        let green = greens.map(|place| u16::from(at(place)));
+        [at(red), (green[0] + green[1]).div_ceil(2) as u8, at(blue)]
+    };
+    is_whole.then(|| (0..height).flat_map(move |y| (0..width).map(move |x| (x, y))).map(color))
 }
 
 fn mirrored_before(i: usize, count: usize) -> usize {

@@ -10,7 +10,7 @@ use std::path::Path;
 /// # Errors
 /// When it cannot be read, is cut short, or has no 16-bit grey values; the message names the file.
 pub fn read_depth_image(path: &Path) -> Result<Image<u16>, String> {
-    read_file(path, decode)
+    read_file(path, |bytes| decode(&bytes))
 }
 
 fn decode(bytes: &[u8]) -> Result<Image<u16>, String> {

@@ -1,5 +1,6 @@
 //! JPEG files and the frames of MJPEG cameras, which leave out what a file must have.
 
+use super::color::two_planes;
 use geometry::GrayImage;
 use geometry::limits::{MAX_PIXELS, check_image_size};
 use zune_core::bytestream::ZCursor;
@@ -38,23 +39,58 @@ pub fn whole_jpeg(mut bytes: Vec<u8>) -> Result<Vec<u8>, String> {
 /// # Errors
 /// When it is damaged or truncated.
 pub fn decode_jpeg(bytes: &[u8]) -> Result<Option<GrayImage>, String> {
+    Ok(decode_luma(bytes)?.map(|(luma, _)| luma))
+}
+
+/// The same, and whether the file has colours as well.
+pub(super) fn decode_luma(bytes: &[u8]) -> Result<Option<(GrayImage, bool)>, String> {
+    let Some(Samples { width, height, values, has_color }) = decode_as(bytes, ColorSpace::Luma)? else {
+        return Ok(None);
+    };
+    let image = GrayImage::from_vec(width, height, values);
+    image.map(|image| Some((image, has_color))).ok_or_else(|| "the JPEG has no pixels".into())
+}
+
+/// The differences of blue and red from the luma that a JPEG file holds; `None` of one without.
+pub(super) fn decode_differences(bytes: &[u8]) -> Option<[GrayImage; 2]> {
+    let Samples { width, height, values, has_color } = decode_as(bytes, ColorSpace::YCbCr).ok()??;
+    let pixels = values.chunks_exact(3).map(|pixel| [pixel[1], pixel[2]]);
+    has_color.then(|| two_planes(width, height, pixels))?
+}
+
+/// What a JPEG file decodes to.
+struct Samples {
+    width: usize,
+    height: usize,
+    /// The samples of each pixel in turn.
+    values: Vec<u8>,
+    /// Whether the file holds colours, whatever of them was decoded.
+    has_color: bool,
+}
+
+/// The samples of a JPEG file that holds luma; `None` of others.
+fn decode_as(bytes: &[u8], samples: ColorSpace) -> Result<Option<Samples>, String> {
     // Decoders fill what is missing with grey instead of failing.
     end(bytes).ok_or("the JPEG is truncated")?;
     let options = DecoderOptions::default()
         .set_max_width(MAX_PIXELS)
         .set_max_height(MAX_PIXELS)
-        .jpeg_set_out_colorspace(ColorSpace::Luma);
+        .jpeg_set_out_colorspace(samples);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     let say = |error: zune_jpeg::errors::DecodeErrors| format!("the JPEG is damaged: {error}");
     decoder.decode_headers().map_err(say)?;
-    if !matches!(decoder.input_colorspace(), Some(ColorSpace::YCbCr | ColorSpace::Luma)) {
+    let has_color = match decoder.input_colorspace() {
+        Some(ColorSpace::YCbCr) => true,
+        Some(ColorSpace::Luma) => false,
+        _ => return Ok(None),
+    };
+    if !has_color && samples != ColorSpace::Luma {
         return Ok(None);
     }
     let info = decoder.info().ok_or("the JPEG has no size")?;
-    check_image_size(info.width as usize, info.height as usize)?;
-    let luma = decoder.decode().map_err(say)?;
-    let image = GrayImage::from_vec(info.width as usize, info.height as usize, luma);
-    image.map(Some).ok_or_else(|| "the JPEG has no pixels".into())
+    let (width, height) = (info.width as usize, info.height as usize);
+    check_image_size(width, height)?;
+    Ok(Some(Samples { width, height, values: decoder.decode().map_err(say)?, has_color }))
 }
 
 /// The luma of a frame of an MJPEG camera.

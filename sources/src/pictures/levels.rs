@@ -154,7 +154,7 @@ impl Levels {
         if pictures.clone().find_map(Picture::is_deep) != Some(true) {
             return Self::default();
         }
-        let deep = |picture: &Picture| match picture.clone().levels() {
+        let deep = |picture: &Picture| match picture.clone().decoded().map(|decoded| decoded.grey) {
             Ok(Grey::Sixteen(image)) => Some(image),
             _ => None,
         };

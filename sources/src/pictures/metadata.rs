@@ -31,7 +31,7 @@ impl Picture {
     /// have none, or an impossible one.
     pub fn stated_focal(&self, size: (usize, usize)) -> Option<StatedFocal> {
         match self {
-            Picture::File(path) => read_file(path, |bytes| Ok(stated_focal(bytes, size))).ok()?,
+            Picture::File(path) => read_file(path, |bytes| Ok(stated_focal(&bytes, size))).ok()?,
             Picture::Encoded(bytes) => stated_focal(bytes, size),
             Picture::Ranged(picture, _) => picture.stated_focal(size),
             Picture::Raw(_) | Picture::Broken(_) | Picture::Mistimed(_) | Picture::OfOther(_) => None,

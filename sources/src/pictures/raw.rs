@@ -23,14 +23,14 @@ pub struct RawPicture {
 
 /// Where a pixel's samples lie.
 #[derive(Clone, Copy)]
-enum Layout {
+pub(super) enum Layout {
     Mono8,
     Mono16,
     /// `(samples per pixel, offset of red, of green, of blue)`
     Colour(usize, [usize; 3]),
     /// The same of samples of 16 bits.
     Colour16(usize, [usize; 3]),
-    /// A colour a pixel, in squares of 2×2; which pattern does not matter.
+    /// A colour a pixel, in squares of 2×2; which pattern does not matter to grey.
     Bayer8,
     Bayer16,
     /// Luma alternates with chroma; the offset of the first luma.
@@ -40,7 +40,7 @@ enum Layout {
 }
 
 impl Layout {
-    fn of(encoding: &str) -> Result<Self, String> {
+    pub(super) fn of(encoding: &str) -> Result<Self, String> {
         Ok(match encoding {
             "mono8" | "8UC1" => Self::Mono8,
             "mono16" | "16UC1" => Self::Mono16,
@@ -82,6 +82,24 @@ impl RawPicture {
         matches!(Layout::of(&self.encoding), Ok(Layout::Mono16 | Layout::Colour16(..) | Layout::Bayer16))
     }
 
+    /// Whether it has colours of eight bits.
+    pub(super) fn is_colored(&self) -> bool {
+        let layout = Layout::of(&self.encoding);
+        matches!(layout, Ok(Layout::Colour(..) | Layout::Yuv422(_) | Layout::Nv12 | Layout::Bayer8))
+    }
+
+    /// The colours behind the luma, in rows of [`row_step`](Self::row_step) bytes; `None` where the bytes do not suffice.
+    pub(super) fn chroma_rows(&self) -> Option<&[u8]> {
+        // That they suffice is checked with the rows of the luma.
+        self.rows(1).ok().map(drop)?;
+        self.data.get(self.row_step() * self.height..)
+    }
+
+    /// Bytes from one row of the luma to the next, and from one of the colours.
+    pub(super) fn row_step(&self) -> usize {
+        if self.step == 0 { self.width } else { self.step }
+    }
+
     /// The rows, without what pads them; refuses sizes that the bytes do not fit.
     pub(crate) fn rows(&self, bytes_per_pixel: usize) -> Result<impl Iterator<Item = &[u8]>, String> {
         check_image_size(self.width, self.height)?;
@@ -107,7 +125,7 @@ impl RawPicture {
         matches!(Layout::of(&self.encoding), Ok(Layout::Nv12))
     }
 
-    pub(super) fn levels(self) -> Result<Grey, String> {
+    pub(super) fn levels(&self) -> Result<Grey, String> {
         let layout = Layout::of(&self.encoding)?;
         let bytes_per_pixel = layout.bytes_per_pixel();
         let mut grey = Vec::with_capacity(self.data.len() / bytes_per_pixel);

@@ -175,7 +175,8 @@ fn size(delta: &MapDelta) -> u64 {
     let depth = |pixels: usize, points: usize| pixels as u64 * DEPTH_BYTES + points as u64 * POINT_BYTES;
     let keyframe = |k: &Keyframe| {
         let features = k.features.as_ref().map_or(0, |features| features.len());
-        (k.image.data().len() + features) as u64 + depth(k.semi_dense.len(), k.points.len())
+        let color = k.color.as_ref().map_or(0, |color| color.jpeg.len());
+        (k.image.data().len() + color + features) as u64 + depth(k.semi_dense.len(), k.points.len())
     };
     let settled = |s: &Settled| depth(s.semi_dense.len(), s.points.len());
     let poses = delta.moved.len() + delta.edges.as_ref().map_or(0, Vec::len);

@@ -24,6 +24,7 @@ fn feed(agent: &mut Agent, frames: Range<usize>) -> Vec<FrameReport> {
         index: i as u64,
         timestamp: drive().shots[i].timestamp,
         image: drive().shots[i].image.as_ref().clone(),
+        color: None,
     };
     frames.map(|i| agent.process(frame(i)).unwrap()).collect()
 }
@@ -160,6 +161,7 @@ fn a_pose_of_which_too_little_is_seen_is_not_reported() {
         index: i as u64,
         timestamp: recording.shots[i].timestamp,
         image: recording.shots[i].image.as_ref().clone(),
+        color: None,
     };
     let mut agent = Agent::new(Recording::SMALL_CAMERA, places(), Params::default()).unwrap();
     (0..35).for_each(|i| _ = agent.process(frame(i)).unwrap());
@@ -325,7 +327,7 @@ fn what_is_found_nowhere_changes_nothing() {
     let mut agent = Agent::resume(kept.clone(), places(), Params::default(), ResumeMode::Mapping).unwrap();
     let image = GrayImage::filled(320, 240, 90);
     for index in 0..100 {
-        let frame = Frame { index, timestamp: index as f64, image: image.clone() };
+        let frame = Frame { index, timestamp: index as f64, image: image.clone(), color: None };
         assert_eq!(agent.process(frame).unwrap().state, TrackingState::Lost);
     }
     agent.finish();

@@ -66,6 +66,7 @@ impl Drive {
             index: i as u64,
             timestamp: shot.timestamp,
             image: shot.image.as_ref().clone(),
+            color: None,
         };
         let shots = recording.shots.iter().enumerate();
         let reports = shots.map(|shot| atlas.process(frame(shot)).expect("it is of the size")).collect();

@@ -173,8 +173,9 @@ fn the_agent_closes_the_loop_that_a_wrong_focal_length_opens() {
         let mut closed = Vec::new();
         for (index, shot) in recording.shots.iter().enumerate() {
             let image = shot.image.as_ref().clone();
-            let report =
-                agent.process(Frame { index: index as u64, timestamp: shot.timestamp, image }).unwrap();
+            let report = agent
+                .process(Frame { index: index as u64, timestamp: shot.timestamp, image, color: None })
+                .unwrap();
             closed.extend(report.closed_loop);
         }
         closed.extend(agent.finish());
