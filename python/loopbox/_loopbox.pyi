@@ -120,6 +120,10 @@ class Keyframe:
         """The undistorted grey image, rows × columns."""
 
     @property
+    def color(self) -> NDArray[np.uint8] | None:
+        """The undistorted image in colour, rows × columns × 3 (red, green, blue); None where its source was grey."""
+
+    @property
     def pixels(self) -> NDArray[np.uint32]:
         """Indices row · columns + column of the pixels with depth, ascending."""
 
@@ -144,6 +148,10 @@ class Cloud:
 
     @property
     def intensities(self) -> NDArray[np.uint8]: ...
+    @property
+    def colors(self) -> NDArray[np.uint8]:
+        """Red, green and blue, n×3; where the source was grey, three times the intensity."""
+
     @property
     def confidences(self) -> NDArray[np.float32]:
         """Depth is known to one part in so many."""

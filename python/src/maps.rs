@@ -28,6 +28,7 @@ pub struct Keyframe {
 pub struct Cloud {
     positions: Py<PyArray2<f32>>,
     intensities: Py<PyArray1<u8>>,
+    colors: Py<PyArray2<u8>>,
     confidences: Py<PyArray1<f32>>,
     agents: Py<PyArray1<u16>>,
 }
@@ -132,10 +133,12 @@ impl Map {
     fn cloud(&self, py: Python<'_>, max_variance: f32, voxel: Option<f64>) -> PyResult<Cloud> {
         let (mut positions, mut intensities, mut confidences, mut agents) =
             (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let mut colors = Vec::new();
         py.detach(|| {
             let mut add = |point: map::CloudPoint| {
                 positions.extend(point.position.iter().map(|&value| value as f32));
                 intensities.push(point.intensity);
+                colors.extend(point.color.unwrap_or([point.intensity; 3]));
                 confidences.push(point.confidence);
                 agents.push(point.agent.0);
             };
@@ -147,6 +150,7 @@ impl Map {
         Ok(Cloud {
             positions: table(py, positions, 3)?.unbind(),
             intensities: PyArray1::from_vec(py, intensities).unbind(),
+            colors: table(py, colors, 3)?.unbind(),
             confidences: PyArray1::from_vec(py, confidences).unbind(),
             agents: PyArray1::from_vec(py, agents).unbind(),
         })
@@ -228,6 +232,16 @@ impl Keyframe {
     fn image<'py>(this: Bound<'py, Self>) -> PyResult<Bound<'py, PyArray2<u8>>> {
         // SAFETY: the keyframe holds the map, which nothing changes.
         unsafe { image_view(&this.get().inner().image, this.clone().into_any()) }
+    }
+
+    /// The undistorted image in colour, rows × columns × 3 (red, green, blue); None where its source was grey.
+    #[getter]
+    fn color<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray3<u8>>>> {
+        let keyframe = self.inner();
+        let (width, height) = (keyframe.image.width(), keyframe.image.height());
+        let Some(colors) = keyframe.colors() else { return Ok(None) };
+        let pixels = py.detach(|| colors.painted(&keyframe.image, &colors.planes(width, height)));
+        PyArray1::from_vec(py, pixels).reshape([height, width, 3]).map(Some)
     }
 
     /// Indices row · columns + column of the pixels with depth, ascending.

@@ -1,5 +1,6 @@
 """Frames pushed one by one."""
 
+import itertools
 import time
 import warnings
 from pathlib import Path
@@ -94,3 +95,20 @@ def test_what_is_odd_is_warned_of(demo, tmp_path):
         except loopbox.LoopboxError:
             pass
     assert any("view is" in str(warning.message) for warning in caught)
+
+
+def test_frames_in_colour_make_a_map_in_colour(demo):
+    def pushed(paint):
+        agent = loopbox.Agent(demo / "parking_a/camera.yaml")
+        for timestamp, image in itertools.islice(frames(demo / "parking_a"), 25):
+            agent.process(paint(image), timestamp)
+        return agent.finish()
+
+    red = pushed(lambda image: np.stack([image, image // 2, image // 2], axis=-1))
+    keyframe, colors = red[0], red.cloud().colors.astype(float)
+    assert keyframe.color.shape == (*keyframe.image.shape, 3) and keyframe.color.dtype == np.uint8
+    assert len(colors) == len(red.cloud().positions)
+    assert np.median(colors[:, 0]) > 1.6 * np.median(colors[:, 1])
+    grey = pushed(lambda image: image)
+    assert grey[0].color is None
+    assert np.array_equal(grey.cloud().colors[:, 0], grey.cloud().intensities)
