@@ -198,7 +198,7 @@ impl Colors {
 /// The two of `count` halved pixels between which a pixel of the image lies, and how far from the first to the second.
 fn neighbours(pixel: usize, count: usize) -> ([usize; 2], f32) {
     // The middle of pixel i of the halved image is that between pixels 2i and 2i + 1.
-    let before = (pixel + 1) / 2;
+    let before = pixel.div_ceil(2);
     let at = if pixel.is_multiple_of(2) { 0.75 } else { 0.25 };
     let (first, second) = (before.saturating_sub(1), before);
     if before == 0 { ([0, 0], 0.0) } else { ([first.min(count - 1), second.min(count - 1)], at) }

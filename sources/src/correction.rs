@@ -348,7 +348,8 @@ mod tests {
         let options = CameraOptions { max_width: 320, ..CameraOptions::default() };
         let correction = Arc::new(correction(&options, &info).expect("a correction"));
         // Stripes of two colours, which the lens bends.
-        let color = |i: usize| if (i % width) / 80 % 2 == 0 { [210, 60, 50] } else { [40, 80, 220] };
+        let color =
+            |i: usize| if ((i % width) / 80).is_multiple_of(2) { [210, 60, 50] } else { [40, 80, 220] };
         let channel = |c: usize| {
             let data = (0..width * height).map(|i| color(i)[c]).collect();
             correction.apply(GrayImage::from_vec(width, height, data).expect("a channel")).expect("it fits")
