@@ -113,9 +113,8 @@ params! {
         pub rearranged: f64 = 0.02,
         /// Probability that what looks like wear is made in numbers: wallpaper, laminate, tiles of one print. Range 1e-6–0.5.
         pub printed: f64 = 0.01,
-        /// Share of its wear that a double has in common with a place. Range 1e-6–0.5: the grain of prints of one picture, and what looks like
-        /// wear by chance. Of what both maps saw between the edges of rendered façades and rooms with the same posters, 0.14 agreed.
-        pub shared_wear: f64 = 0.15,
+        /// Share of its wear that a double has in common with a place. Range 1e-6–0.5: the grain of prints of one picture.
+        pub shared_wear: f64 = 0.01,
         /// ln of how many pairs that fit in all else are one place, for each that is a double. Range 0–10.
         pub ln_odds: f64 = 2.2,
         /// Probability from which on an answer is given. Range 0.5–1.
