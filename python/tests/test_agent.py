@@ -108,7 +108,11 @@ def test_frames_in_colour_make_a_map_in_colour(demo):
     keyframe, colors = red[0], red.cloud().colors.astype(float)
     assert keyframe.color.shape == (*keyframe.image.shape, 3) and keyframe.color.dtype == np.uint8
     assert len(colors) == len(red.cloud().positions)
-    assert np.median(colors[:, 0]) > 1.6 * np.median(colors[:, 1])
+    # Frames as dark as these are brightened, which leaves the differences between their colours.
+    first = next(iter(frames(demo / "parking_a")))[1].astype(int)
+    redder = keyframe.color[..., 0].astype(int) - keyframe.color[..., 1]
+    assert np.median(np.abs(redder - (first - first // 2))) <= 3
+    assert np.median(colors[:, 0]) > 1.3 * np.median(colors[:, 1])
     grey = pushed(lambda image: image)
     assert grey[0].color is None
     assert np.array_equal(grey.cloud().colors[:, 0], grey.cloud().intensities)
