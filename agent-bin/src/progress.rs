@@ -2,6 +2,7 @@
 
 use crate::console::{say, tell};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
+use loopbox::counted;
 use loopbox::run::{FrameRow, Progress, RunRecord, state_name};
 use serde_json::json;
 use sources::ahead::Skip;
@@ -214,14 +215,14 @@ fn log_line(value: &serde_json::Value) {
 fn summary(record: &RunRecord, out: &str) -> String {
     let (frames, cost, map) = (&record.frames, &record.cost, &record.map);
     let mut text = format!(
-        "{} of {} frames tracked ({:.1} %), {} keyframes, {} points, {} loops\n\
+        "{} of {} frames tracked ({:.1} %), {}, {}, {}\n\
          {:.1} frames/s, {:.1} ms a frame (99 %: {:.1} ms)",
         frames.tracked,
         frames.offered - frames.dropped_late,
         100.0 * frames.tracked_share,
-        map.keyframes,
-        map.semi_dense,
-        map.loops,
+        counted(map.keyframes, "keyframe", "keyframes"),
+        counted(map.semi_dense, "point", "points"),
+        counted(map.loops, "loop", "loops"),
         cost.frames_per_s,
         cost.mean_ms,
         cost.p99_ms,
@@ -233,15 +234,18 @@ fn summary(record: &RunRecord, out: &str) -> String {
     let skipped: u64 = frames.skipped.values().sum();
     if skipped > 0 {
         let kinds: Vec<String> = frames.skipped.iter().map(|(reason, n)| format!("{n} {reason}")).collect();
-        text += &format!("{skipped} frames skipped: {}\n", kinds.join(", "));
+        text += &format!("{} skipped: {}\n", counted(skipped, "frame", "frames"), kinds.join(", "));
     }
     if let Some(left_out) = record.left_out {
         text += &format!("{}\n", left_out.text());
     }
     for apart in record.fragments.iter().skip(1) {
         text += &format!(
-            "{} more frames, of {} to {}, are in {}: they share no place with the rest\n",
-            apart.frames, apart.first_frame, apart.last_frame, apart.trajectory
+            "{}, from {} to {}, in {}: a fragment that shares no place with the rest\n",
+            counted(apart.frames, "more frame", "more frames"),
+            apart.first_frame,
+            apart.last_frame,
+            apart.trajectory
         );
     }
     if frames.doubted > 0 {
@@ -254,10 +258,16 @@ fn summary(record: &RunRecord, out: &str) -> String {
         text += &format!("times lost: {}\n", frames.losses_text());
     }
     if frames.dropped_late > 0 {
-        text += &format!("{} frames dropped because tracking was late\n", frames.dropped_late);
+        text += &format!(
+            "{} dropped because tracking was late\n",
+            counted(frames.dropped_late, "frame", "frames")
+        );
     }
     if frames.missed_by_driver > 0 {
-        text += &format!("{} frames missed by the camera's driver\n", frames.missed_by_driver);
+        text += &format!(
+            "{} missed by the camera's driver\n",
+            counted(frames.missed_by_driver, "frame", "frames")
+        );
     }
     if let Some(latency) = cost.latency_ms {
         text += &format!(

@@ -134,8 +134,8 @@ fn every_agent_needs_its_own() {
     let truth = golden("truth.tum");
     let truth = truth.to_str().unwrap();
     let cases: [(&[&str], &str); 4] = [
-        (&[other, "--gt", truth, "--gt", truth], "2 estimates have 3 truths"),
-        (&[other, "--frames", truth], "2 estimates have 1 --frames"),
+        (&[other, "--gt", truth, "--gt", truth], "2 estimates and 3 truths"),
+        (&[other, "--frames", truth], "2 estimates and 1 --frames"),
         (&[other, "--max-diff", "1e-9"], "agent 1"),
         (
             &[other, "--map", "m", "--depth", "d", "--frames", truth, "--frames", truth],

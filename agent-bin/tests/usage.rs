@@ -14,7 +14,7 @@ fn values_without_sense_are_wrong_usage() {
         assert_misused(&[&["run", arg(folder.path()), "--out", arg(&out)], more].concat(), words);
     };
     run(&["--fps", "-5"], &["--fps -5 is not a frame rate"]);
-    run(&["--threads", "0"], &["--threads 0", "one per core"]);
+    run(&["--threads", "0"], &["--threads must be 1 or more", "one per core"]);
     run(&["--realtime", "--speed", "0"], &["--speed 0"]);
     run(&["--fov", "400"], &["--fov 400", "degrees"]);
     run(&["--max-width", "20"], &["--max-width 20"]);

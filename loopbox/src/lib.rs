@@ -11,6 +11,7 @@
 
 pub mod blobs;
 pub mod calibrating;
+mod counting;
 pub mod evaluating;
 mod explaining;
 #[cfg(feature = "fleet")]
@@ -28,6 +29,7 @@ mod swapping;
 pub mod unattended;
 pub mod verdicts;
 
+pub use counting::counted;
 pub use evaluating::evaluate;
 pub use explaining::explained;
 pub use merging::{MergeOptions, merge_maps};

@@ -14,7 +14,7 @@ use std::time::Duration;
 const LAST: Duration = Duration::from_millis(4700);
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Run an agent for ever: it waits for its camera, goes on in its map and keeps within its limits
+/// Run an agent as a service: it waits for its camera, goes on in its map and keeps within its limits
 #[derive(Debug, Args)]
 pub struct AgentArgs {
     /// The file that says all about it

@@ -10,6 +10,7 @@ use eval::{
     AgentTracks, AlignMode, Delta, Evaluation, Options, Statistics, evaluate, evaluate_agents, read_times,
     read_trajectory,
 };
+use loopbox::counted;
 use loopbox::evaluating::{Fragment, other_fragments, read_truth, trajectory_at};
 use serde::Serialize;
 use std::fmt::Write;
@@ -155,14 +156,19 @@ fn check_counts(args: &EvalArgs) -> Result<()> {
     let count = args.estimates.len();
     if args.gt.len() != 1 && args.gt.len() != count {
         bail!(
-            "{count} estimates have {} truths: give one for each in their order, or one for all\nhint: estimates come before \
+            "{} and {}: give one for each in their order, or one for all\nhint: estimates come before \
              --gt, which takes every file that follows",
-            args.gt.len()
+            counted(count, "estimate", "estimates"),
+            counted(args.gt.len(), "truth", "truths")
         );
     }
     let is_one_for_all = args.table && args.frames.len() == 1;
     if !args.frames.is_empty() && args.frames.len() != count && !is_one_for_all {
-        bail!("{count} estimates have {} --frames: give one for each in their order", args.frames.len());
+        bail!(
+            "{} and {} --frames: give one for each in their order",
+            counted(count, "estimate", "estimates"),
+            args.frames.len()
+        );
     }
     if args.map.is_some() && count > 1 {
         bail!("--map is that of one agent: measure its depths with its estimate alone");

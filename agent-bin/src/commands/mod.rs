@@ -51,7 +51,7 @@ use anyhow::Result;
 use clap::{Parser, Subcommand};
 use std::path::Path;
 
-/// SLAM for several agents: each maps by itself what its camera or LiDAR sees, and maps that show one place become one.
+/// SLAM for one robot or for several: each maps with its camera or LiDAR, and maps that show one place become one.
 #[derive(Debug, Parser)]
 #[command(name = "loopbox", version = version::short(), long_version = version::long(), about, max_term_width = 100)]
 pub struct Cli {

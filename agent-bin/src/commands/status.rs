@@ -1,8 +1,9 @@
-//! `loopbox status`: how an agent is.
+//! `loopbox status`: the state of an agent.
 
 use crate::console::{self, Ended, Ending};
 use anyhow::{Context, Result};
 use clap::Args;
+use loopbox::counted;
 use loopbox::unattended::config::HEARTBEAT;
 use loopbox::unattended::{AgentConfig, Heartbeat, heartbeat};
 use serde::Serialize;
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 /// Where the service of the Debian package has its file.
 const OF_SERVICE: &str = "/etc/loopbox/agent.toml";
 
-/// Tell how an agent is, by its heartbeat; exit code 5 when it is not well or not there
+/// Show the state of an agent by its heartbeat; exit code 5 when it is not well or not there
 #[derive(Debug, Args)]
 pub struct StatusArgs {
     /// The agent's file, or the folder of its sessions; default: agent.toml here, else that of the service
@@ -94,8 +95,12 @@ fn described(beat: &Heartbeat) -> String {
     );
     let _ = writeln!(
         text,
-        "{} of {} frames tracked, {} dropped, {} missed, lost {} times",
-        beat.tracked, beat.frames, beat.dropped, beat.missed, beat.losses
+        "{} of {} frames tracked, {} dropped, {} missed, lost {}",
+        beat.tracked,
+        beat.frames,
+        beat.dropped,
+        beat.missed,
+        counted(beat.losses, "time", "times")
     );
     let mib = |bytes: u64| bytes >> 20;
     let free = beat.free_bytes.map_or(String::new(), |free| format!(" ({} free)", mib(free)));

@@ -317,7 +317,7 @@ impl Shared {
         self.status().remote_results = received_results.all();
         drop(received_results);
         if before != Some(accepted) {
-            self.report(&format!("a neighbour has merged {accepted} pairs of maps"));
+            self.report(&format!("a neighbour has merged {}", pairs_of_maps(accepted)));
         }
     }
 
@@ -352,10 +352,8 @@ impl Shared {
                 if found.accepted() != before {
                     let links = service.status().neighbours;
                     let kilobytes = links.iter().map(|link| link.received).sum::<u64>() / 1000;
-                    let count = found.accepted();
-                    self.report(&format!(
-                        "{count} pairs of maps are merged, after {kilobytes} kB of objects came"
-                    ));
+                    let merged = pairs_of_maps(found.accepted());
+                    self.report(&format!("merged {merged}, after {kilobytes} kB of objects came"));
                 }
                 service.publish_results(now_ms(), Arc::new(found.clone()));
                 self.status().found = found;
@@ -390,6 +388,10 @@ impl Shared {
             .and_then(|()| fs::rename(&partial, path))
             .with_context(|| format!("{}: cannot be written", path.display()))
     }
+}
+
+fn pairs_of_maps(count: usize) -> String {
+    crate::counted(count, "pair of maps", "pairs of maps")
 }
 
 /// Milliseconds since 1970.

@@ -54,7 +54,7 @@ impl Summary {
             text += &format!("; {} FRAMES LEFT OUT: the disk was too slow", self.left_out);
         }
         if let (count @ 1.., Some(reason)) = &self.unreadable {
-            text += &format!("; {count} frames left out for want of a picture: {reason}");
+            text += &format!("; left out without a readable image: {count} ({reason})");
         }
         text
     }

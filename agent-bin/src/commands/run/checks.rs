@@ -34,7 +34,7 @@ impl RunArgs {
             check_length(Path::new(name))?;
         }
         if self.threads == Some(0) {
-            bail!("--threads 0 leaves nobody to map\nhint: give 1 or more; without it there is one per core");
+            bail!("--threads must be 1 or more\nhint: without it there is one per core");
         }
         if let (Some(start), Some(end)) = (self.part.start, self.part.end)
             && start >= end
