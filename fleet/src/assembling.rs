@@ -212,20 +212,15 @@ impl Assembler {
         if keyframe.id != id {
             return Err(format!("keyframe {} says that it is keyframe {}", id.0, keyframe.id.0));
         }
-        let features = match &parts.features {
-            Some(hash) => match bytes(hash) {
-                Some(features) => Some(features),
-                None => return Ok(None),
-            },
-            None => None,
+        // Of what is not listed nothing lacks.
+        let optional = |hash: &Option<ObjectHash>| match hash {
+            Some(hash) => bytes(hash).map(Some),
+            None => Some(None),
         };
-        let color = match &parts.color {
-            Some(hash) => match bytes(hash) {
-                Some(color) => color_of(id, &color)?,
-                None => return Ok(None),
-            },
-            None => None,
+        let (Some(features), Some(color)) = (optional(&parts.features), optional(&parts.color)) else {
+            return Ok(None);
         };
+        let color = color.map(|bytes| color_of(id, &bytes)).transpose()?.flatten();
         Ok(Some(Keyframe { features, color, ..keyframe }))
     }
 

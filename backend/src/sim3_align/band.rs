@@ -14,8 +14,8 @@ params! {
         /// And least slope of one, grey levels in a pixel. Range 1–100: noise of 2 grey levels has slopes of 1.4.
         pub min_edge: f64 = 6.0,
         /// How far beside an edge nothing is taken, pixels. Range 0–20: edges are blurred by a pixel or two.
-        pub beside: usize = 2,
-        /// Half the side of the square whose mean is taken off each pixel, pixels. Range 1–20; one more than `beside` at most, for it may not
+        pub margin: usize = 2,
+        /// Half the side of the square whose mean is taken off each pixel, pixels. Range 1–20; one more than `margin` at most, for it may not
         /// reach across an edge.
         pub radius: usize = 3,
     }
@@ -103,12 +103,14 @@ pub(super) fn grain(grey: &[f32], means: &[f32], width: usize, params: &GrainPar
     };
     let edges: Vec<f32> = (0..grey.len()).map(|i| f32::from(u8::from(is_edge(i)))).collect();
     // A mean of so many zeros and ones: far from rounding.
-    let near = box_means(&edges, width, height, params.beside);
+    let near = box_means(&edges, width, height, params.margin);
     let taken: Vec<f32> = near.iter().map(|share| f32::from(u8::from(*share < 1e-5))).collect();
     let share = box_means(&taken, width, height, params.radius);
     let kept: Vec<f32> = grey.iter().zip(&taken).map(|(value, taken)| value * taken).collect();
-    let sums = box_means(&kept, width, height, params.radius);
-    (0..grey.len()).map(|i| if taken[i] > 0.0 { grey[i] - sums[i] / share[i] } else { f32::NAN }).collect()
+    let kept_means = box_means(&kept, width, height, params.radius);
+    (0..grey.len())
+        .map(|i| if taken[i] > 0.0 { grey[i] - kept_means[i] / share[i] } else { f32::NAN })
+        .collect()
 }
 
 /// The ratio of the eigenvalues of the structure tensor of a cell's band.

@@ -12,6 +12,8 @@ use nalgebra::Vector3;
 const LIKE: f64 = 1.5;
 /// Least share of a cell's pixels of which both keyframes show the grain.
 const MIN_SHARE: f32 = 0.2;
+/// Shifts that are correlated at a time.
+const LANES: usize = 8;
 
 params! {
     /// Parameters of the comparison of cells.
@@ -157,11 +159,13 @@ fn footprint_patch(
     })
 }
 
-/// A square of a cell's side and a margin, filled by offsets from its middle.
+/// A square of a cell's side and a margin, filled by offsets from its middle, with [`LANES`] values behind it.
 fn patch(cell: usize, radius: usize, at: impl Fn(f64, f64) -> Option<f32>) -> Option<Vec<f32>> {
     let side = cell + 2 * radius;
     let half = 0.5 * (side as f64 - 1.0);
-    (0..side * side).map(|i| at((i % side) as f64 - half, (i / side) as f64 - half)).collect()
+    let values = (0..side * side).map(|i| at((i % side) as f64 - half, (i / side) as f64 - half));
+    // So that shifts beyond the last can be read, which nobody uses.
+    values.chain(std::iter::repeat_n(Some(0.0), LANES)).collect()
 }
 
 /// The band between pixels; nothing outside the image, and no number where a pixel around has none.
@@ -189,49 +193,57 @@ fn best_correlation(own: &Surface, layer: Layer, cell: usize, patch: &[f32], rad
     let first = cell / own.columns * size * own.width() + cell % own.columns * size;
     let rows = |y: usize| &own.band(layer).values[first + y * own.width()..][..size];
     let shifts = 2 * radius + 1;
-    let correlation = |shift: usize| {
-        let (sx, sy) = (shift % shifts, shift / shifts);
+    // Some shifts to the side at a time.
+    let correlations = |at: usize| -> Option<Vec<f64>> {
+        let (sy, sx) = (at / shifts, at % shifts);
         let mut sums = Sums::default();
         for y in 0..size {
-            let there = &patch[(y + sy) * side + sx..][..size];
-            rows(y).iter().zip(there).for_each(|(a, b)| sums.add(*a, *b));
+            let there = &patch[(y + sy) * side + sx..][..size + LANES];
+            rows(y).iter().zip(there.array_windows()).for_each(|(a, b)| sums.add(*a, b));
         }
-        (sums.count >= MIN_SHARE * (size * size) as f32).then(|| sums.correlation())
+        let of_shift = |lane: usize| {
+            (sums.count[lane] >= MIN_SHARE * (size * size) as f32).then(|| sums.correlation(lane))
+        };
+        (0..LANES.min(shifts - sx)).map(of_shift).collect()
     };
-    let all: Vec<f64> = (0..shifts * shifts).map(correlation).collect::<Option<_>>()?;
+    let starts = (0..shifts).flat_map(|sy| (0..shifts).step_by(LANES).map(move |sx| sy * shifts + sx));
+    let all: Vec<f64> = starts.map(correlations).collect::<Option<Vec<_>>>()?.concat();
     (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b])).map(|best| peak(&all, shifts, best))
 }
 
-/// Sums over pairs of values; those without a number count nothing.
+/// Sums over pairs of values for each of some shifts; those without a number count nothing. Lane by lane, so that processors add several
+/// in one step.
 #[derive(Default)]
 struct Sums {
-    count: f32,
-    sum: [f32; 2],
-    square: [f32; 2],
-    product: f32,
+    count: [f32; LANES],
+    sum: [[f32; LANES]; 2],
+    square: [[f32; LANES]; 2],
+    product: [f32; LANES],
 }
 
 impl Sums {
     #[inline]
-    fn add(&mut self, a: f32, b: f32) {
-        let product = a * b;
-        let (weight, a, b, product) =
-            if product.is_nan() { (0.0, 0.0, 0.0, 0.0) } else { (1.0, a, b, product) };
-        self.count += weight;
-        self.sum[0] += a;
-        self.sum[1] += b;
-        self.square[0] += a * a;
-        self.square[1] += b * b;
-        self.product += product;
+    fn add(&mut self, a: f32, there: &[f32; LANES]) {
+        for (lane, &b) in there.iter().enumerate() {
+            let product = a * b;
+            let (weight, a, b, product) =
+                if product.is_nan() { (0.0, 0.0, 0.0, 0.0) } else { (1.0, a, b, product) };
+            self.count[lane] += weight;
+            self.sum[0][lane] += a;
+            self.sum[1][lane] += b;
+            self.square[0][lane] += a * a;
+            self.square[1][lane] += b * b;
+            self.product[lane] += product;
+        }
     }
 
     /// −1 to 1; 0 where either side is plain.
-    fn correlation(&self) -> f64 {
-        let count = f64::from(self.count);
-        let means = self.sum.map(|sum| f64::from(sum) / count);
-        let variance = |side: usize| f64::from(self.square[side]) / count - means[side] * means[side];
+    fn correlation(&self, lane: usize) -> f64 {
+        let count = f64::from(self.count[lane]);
+        let means = self.sum.map(|sum| f64::from(sum[lane]) / count);
+        let variance = |side: usize| f64::from(self.square[side][lane]) / count - means[side] * means[side];
         let scale = (variance(0) * variance(1)).sqrt();
-        if scale > 1e-6 { (f64::from(self.product) / count - means[0] * means[1]) / scale } else { 0.0 }
+        if scale > 1e-6 { (f64::from(self.product[lane]) / count - means[0] * means[1]) / scale } else { 0.0 }
     }
 }
 

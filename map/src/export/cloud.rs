@@ -1,6 +1,6 @@
 //! The map as a cloud of points.
 
-use crate::{AgentId, Keyframe, Map};
+use crate::{AgentId, Colors, Keyframe, Map};
 use geometry::sensor::Shift;
 use geometry::{Pinhole, Sim3};
 use nalgebra::Vector3;
@@ -159,10 +159,14 @@ impl Keyframe {
         max_relative_variance: f32,
         choice: Choice,
     ) -> impl Iterator<Item = CloudPoint> + '_ {
-        choice.among(self.depths_within(max_relative_variance)).map(self.point_of(camera, shift))
+        choice.among(self.depths_within(max_relative_variance)).map(self.point_of(
+            camera,
+            shift,
+            self.colors(),
+        ))
     }
 
-    /// About `count` points of [`cloud`](Self::cloud), evenly along it, of the image as it is.
+    /// About `count` points of [`cloud`](Self::cloud), evenly along it, of the image as it is, without colours.
     pub(crate) fn sparse_cloud(
         &self,
         camera: &Pinhole,
@@ -171,7 +175,7 @@ impl Keyframe {
     ) -> impl Iterator<Item = CloudPoint> + '_ {
         let depths = || self.depths_within(max_relative_variance);
         let step = depths().count().div_ceil(count).max(1);
-        depths().step_by(step).map(self.point_of(camera, Shift::none(*camera)))
+        depths().step_by(step).map(self.point_of(camera, Shift::none(*camera), None))
     }
 
     /// Pixel, inverse depth and variance where the ratio that [`cloud`](Self::cloud) asks for is within the bound.
@@ -184,10 +188,14 @@ impl Keyframe {
     }
 
     /// How a depth of the keyframe becomes a point in its own frame.
-    fn point_of(&self, camera: &Pinhole, shift: Shift) -> impl Fn((u32, f32, f32)) -> CloudPoint + use<'_> {
+    fn point_of(
+        &self,
+        camera: &Pinhole,
+        shift: Shift,
+        colors: Option<Colors>,
+    ) -> impl Fn((u32, f32, f32)) -> CloudPoint + use<'_> {
         let (camera, agent) = (*camera, self.agent);
         let (intensities, width) = (self.image.data(), camera.width as u32);
-        let colors = self.colors();
         move |(pixel, inverse_depth, variance)| {
             let relative_variance = variance / (inverse_depth * inverse_depth);
             let (column, row) = (pixel % width, pixel / width);

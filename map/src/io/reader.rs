@@ -1,8 +1,9 @@
 //! Loading maps.
 
 use super::about::{About, AboutError};
-use super::color::{self, COLOR_TOPIC, ColorMessage};
+use super::color::COLOR_TOPIC;
 use super::messages::{FeaturesMessage, GraphMessage, KeyframeMessage};
+use super::parts::color_from_bytes;
 use super::records::{Stop, read_chunk, read_file};
 use super::scan::{self, SCAN_TOPIC, ScanMessage};
 use super::{
@@ -276,9 +277,7 @@ impl Contents<'_> {
 
     /// Takes a keyframe's colours. Whether they can be decoded is not looked at: without them the image is grey.
     fn color(&mut self, data: &[u8]) -> Result<(), String> {
-        let message =
-            ColorMessage::decode(data).map_err(|error| format!("colours cannot be read: {error}"))?;
-        let (id, color) = color::from_message(message);
+        let (id, color) = color_from_bytes(data)?;
         self.colors.extend(color.map(|color| (id, color)));
         Ok(())
     }

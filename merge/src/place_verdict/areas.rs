@@ -28,19 +28,18 @@ struct Cube {
     ln_agreement: f64,
 }
 
-/// What is said of a cube: what was looked at, and whether it agrees; nothing where it hardly speaks against one surface.
-type Class = (PieceKind, bool);
-
 impl Cube {
-    fn class(&self, kind: PieceKind, params: &PlaceParams) -> Option<Class> {
+    /// Whether it agrees; nothing where it hardly speaks against one surface.
+    fn agrees(&self, params: &PlaceParams) -> Option<bool> {
         let (agrees, differs) = (self.ln_agreement > 0.0, self.ln_agreement <= -params.min_difference);
-        (agrees || differs).then_some((kind, agrees))
+        (agrees || differs).then_some(agrees)
     }
 }
 
-/// Cubes that touch and are of one class.
+/// Cubes that touch, are of one kind, and all agree or all differ.
 struct Area {
-    class: Class,
+    kind: PieceKind,
+    agrees: bool,
     /// How many.
     count: f64,
     /// Their summed agreement.
@@ -63,7 +62,7 @@ impl Noise {
         for pass in passes {
             let cubes = cubes(pass);
             noise.cubes += cubes.len() as f64;
-            let areas = areas(&cubes, params).into_iter().filter(|area| !area.class.1);
+            let areas = areas(&cubes, params).into_iter().filter(|area| !area.agrees);
             noise.depths.extend(areas.map(|area| -area.ln_agreement));
         }
         noise.depths.sort_by(|a, b| b.total_cmp(a));
@@ -87,16 +86,15 @@ pub(super) fn pieces(spots: &[Spot], noise: &Noise, params: &PlaceParams) -> Vec
 }
 
 fn piece(area: &Area, all: f64, noise: f64, params: &PlaceParams) -> Option<Piece> {
-    let (kind, agrees) = area.class;
     let of_thing = params.cells_of_thing;
     // Of one thing its cells say the same together; a larger piece is so many things.
-    let (things, ln_agreement) = if agrees {
+    let (things, ln_agreement) = if area.agrees {
         (area.count / of_thing, area.ln_agreement * of_thing.min(area.count) / area.count)
     } else {
         ((area.count / of_thing).max(1.0), (area.ln_agreement + noise).min(0.0))
     };
     (ln_agreement != 0.0).then_some(Piece {
-        kind,
+        kind: area.kind,
         share: area.count / all,
         things,
         occurrences: 1.0,
@@ -124,14 +122,14 @@ fn cubes(spots: &[Spot]) -> BTreeMap<Key, Cube> {
 
 /// The areas that cubes make.
 fn areas(cubes: &BTreeMap<Key, Cube>, params: &PlaceParams) -> Vec<Area> {
-    let classed = |(key, cube): (&Key, &Cube)| Some((*key, (cube.class(key.0, params)?, cube.ln_agreement)));
-    let mut left: BTreeMap<Key, (Class, f64)> = cubes.iter().filter_map(classed).collect();
+    let said = |(key, cube): (&Key, &Cube)| Some((*key, (cube.agrees(params)?, cube.ln_agreement)));
+    let mut left: BTreeMap<Key, (bool, f64)> = cubes.iter().filter_map(said).collect();
     let mut areas = Vec::new();
-    while let Some((key, (class, ln_agreement))) = left.pop_first() {
-        let (mut area, mut next) = (Area { class, count: 1.0, ln_agreement }, vec![key]);
+    while let Some((key, (agrees, ln_agreement))) = left.pop_first() {
+        let (mut area, mut next) = (Area { kind: key.0, agrees, count: 1.0, ln_agreement }, vec![key]);
         while let Some(key) = next.pop() {
             for around in around(key) {
-                if let Some((_, more)) = left.get(&around).copied().filter(|(of, _)| *of == class) {
+                if let Some((_, more)) = left.get(&around).copied().filter(|(of, _)| *of == agrees) {
                     left.remove(&around);
                     area.count += 1.0;
                     area.ln_agreement += more;
@@ -144,7 +142,7 @@ fn areas(cubes: &BTreeMap<Key, Cube>, params: &PlaceParams) -> Vec<Area> {
     areas
 }
 
-/// The 26 cubes around one.
+/// The 26 cubes around one, of the same kind.
 fn around((kind, [x, y, z]): Key) -> impl Iterator<Item = Key> {
     let offsets = (0..27).filter(|i| *i != 13).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]);
     offsets.map(move |[dx, dy, dz]| (kind, [x + dx, y + dy, z + dz]))
