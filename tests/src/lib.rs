@@ -15,6 +15,7 @@ pub mod lidar_paths;
 pub mod lidar_sensors;
 pub mod lidar_sites;
 pub mod lidar_stairs;
+pub mod moving;
 pub mod pages;
 mod patterns;
 pub mod proxy;
