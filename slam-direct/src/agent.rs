@@ -26,7 +26,7 @@ mod shutter;
 pub use claim::Claim;
 pub use common::Joint;
 pub use error::AgentError;
-pub use frame::{Frame, FrameReport, LazyColor, TrackingState};
+pub use frame::{Frame, FrameReport, LazyColor, LossReason, TrackingState};
 pub(crate) use joining::{Joining, Sighting};
 pub use joint_optimisation::optimise_jointly;
 pub use resume::{ResumeMode, edges_of};
@@ -416,7 +416,7 @@ impl Agent {
         {
             return report;
         }
-        let lost = if tracker.lacks_scale() { FrameReport::without_scale() } else { FrameReport::lost() };
+        let lost = FrameReport::lost(tracker.loss());
         self.state = State::Running(tracker);
         FrameReport { adopted: report.adopted, ..lost }
     }

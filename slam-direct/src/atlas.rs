@@ -6,7 +6,7 @@
 
 mod joining;
 
-use crate::agent::{Agent, AgentError, Claim, Frame, FrameReport, ResumeMode, TrackingState};
+use crate::agent::{Agent, AgentError, Claim, Frame, FrameReport, LossReason, ResumeMode, TrackingState};
 use crate::exposure::Exposure;
 use crate::judge::JudgePlace;
 use crate::params::Params;
@@ -224,7 +224,7 @@ impl Atlas {
         }
         let is_tracked = loss.next.as_ref().is_some_and(|next| !next.map().frames.is_empty());
         if is_tracked && !loss.frames.is_multiple_of(self.params.atlas.search_interval.max(1)) {
-            return Ok(FrameReport::lost());
+            return Ok(FrameReport::lost(LossReason::NotFound));
         }
         let (left, report) = (self.active, self.fragments[self.active].process(frame.clone())?);
         if report.state != TrackingState::Lost || report.claim.is_some() {

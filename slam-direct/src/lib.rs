@@ -30,6 +30,7 @@ mod patch;
 mod publish;
 mod recognise;
 pub mod relocalise;
+mod rival;
 mod rotation_prior;
 mod select;
 pub mod self_calibration;
@@ -46,8 +47,8 @@ mod wide;
 mod window;
 
 pub use agent::{
-    Agent, AgentError, Claim, Frame, FrameReport, Joint, LazyColor, ResumeMode, TrackingState, edges_of,
-    optimise_jointly,
+    Agent, AgentError, Claim, Frame, FrameReport, Joint, LazyColor, LossReason, ResumeMode, TrackingState,
+    edges_of, optimise_jointly,
 };
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};

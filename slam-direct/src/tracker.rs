@@ -5,9 +5,11 @@ mod seen;
 
 pub(crate) use located::{Located, match_keyframe};
 
+use crate::agent::LossReason;
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::LocalMap;
 use crate::params::Params;
+use crate::rival::Rival;
 use crate::rotation_prior::RotationPrior;
 use crate::track::{self, Near, View};
 use crate::wide;
@@ -65,8 +67,10 @@ pub(crate) struct Tracker {
     rotation_prior: Option<RotationPrior>,
     /// Share of the searched points that agreed in it.
     share: f32,
-    /// Whether the frame that was lost last agrees with the map, but shows too few points of known depth.
-    lacks_scale: bool,
+    /// Why the frame that was lost last is lost.
+    loss: LossReason,
+    /// The two motions that ended tracking, until their points move as one again.
+    rival: Option<Rival>,
 }
 
 impl Tracker {
@@ -96,7 +100,8 @@ impl Tracker {
             lost: 0,
             rotation_prior: None,
             share: 0.0,
-            lacks_scale: false,
+            loss: LossReason::default(),
+            rival: None,
         }
     }
 
@@ -121,8 +126,9 @@ impl Tracker {
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (time, mean_motion) = (self.time, self.mean_motion);
         let (lost, rotation_prior, share) = (self.lost, self.rotation_prior.take(), self.share);
+        let (loss, rival) = (self.loss, self.rival.take());
         let fresh = Self::new(map, reference, self.last, self.velocity, params);
-        *self = Self { time, mean_motion, lost, rotation_prior, share, ..fresh };
+        *self = Self { time, mean_motion, lost, rotation_prior, share, loss, rival, ..fresh };
     }
 
     /// Continues in a map in which keyframes have moved. `last` is the newest frame's pose there, and `factor` the
@@ -154,23 +160,45 @@ impl Tracker {
         let motion = |pose: &Se3| self.motion_to(pose, timestamp, params);
         let mut located = locate(map, &self.near, &view, motion, aligned.brightness, self.reference, params);
         let is_there = if self.lost > 0 { located.is_found_again(params) } else { located.is_good(params) };
-        if !is_there || self.drops(&located, params) {
+        let is_one = self.is_one_motion(&located);
+        if !is_there || !is_one || self.drops(&located, params) {
             let places = places?;
+            if is_there && located.rival.is_some() {
+                self.rival = self.rival.take().or(located.rival);
+                return self.lose(LossReason::TwoMotions);
+            }
             if let Some(found) = self.search_widely(map, pyramid, timestamp, params) {
                 located = found;
-            } else if let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params) {
+            } else if let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params)
+                && self.is_one_motion(&found)
+            {
                 self.lost += 1;
                 self.refer_to(map, reference, params);
                 located = found;
-            } else if !is_there {
-                self.lost += 1;
-                self.lacks_scale =
-                    located.inliers >= params.keyframes.min_matched && !located.carries_scale(params);
-                self.velocity = Se3::identity();
-                return None;
+            } else if !is_there || !is_one {
+                let agrees = located.inliers >= params.keyframes.min_matched;
+                return self.lose(match self.rival {
+                    Some(_) => LossReason::TwoMotions,
+                    None if agrees && !located.carries_scale(params) => LossReason::Scale,
+                    None => LossReason::NotFound,
+                });
             }
         }
         Some(self.follow(map, located, pyramid, timestamp))
+    }
+
+    /// Notes that a frame was not found.
+    fn lose(&mut self, loss: LossReason) -> Option<Located> {
+        self.lost += 1;
+        self.loss = loss;
+        self.velocity = Se3::identity();
+        None
+    }
+
+    /// Whether what was mapped moves as one, and did so since the last frame that has a pose.
+    fn is_one_motion(&self, located: &Located) -> bool {
+        let is_over = |rival: &Rival| rival.is_over(&located.matched);
+        located.rival.is_none() && self.rival.as_ref().is_none_or(is_over)
     }
 
     /// Finds a frame around a pose that was proposed elsewhere, as strictly as after a loss.
@@ -196,6 +224,7 @@ impl Tracker {
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         self.lost = 0;
+        self.rival = None;
         self.mean_motion = (located.mean_motion, self.time.map_or(0.0, |before| timestamp - before));
         self.time = Some(timestamp);
         self.last = located.camera_from_world;
@@ -265,7 +294,8 @@ impl Tracker {
             self.rotation_prior.as_ref().and_then(|before| before.rotation_to(pyramid, &map.camera));
         let turned = rotation.map(|rotation| rotation * self.last);
         let starts = [Some(self.expected(timestamp)), Some(self.last), turned];
-        starts.iter().flatten().find_map(|start| self.search_from(map, start, pyramid, timestamp, params))
+        let search = |start| self.search_from(map, start, pyramid, timestamp, params);
+        starts.iter().flatten().find_map(|start| search(start).filter(|found| self.is_one_motion(found)))
     }
 
     /// Searches the frame's patches one by one around a pose.
@@ -302,9 +332,14 @@ impl Tracker {
             || self.seen.departure(map, self.reference, &self.last, overlap).is_none_or(|d| d.score(p) > 1.0)
     }
 
-    /// Whether the frame that was lost last agrees with the map, but shows too few points of known depth to continue.
-    pub fn lacks_scale(&self) -> bool {
-        self.lacks_scale
+    /// Why the frame that was lost last is lost.
+    pub fn loss(&self) -> LossReason {
+        self.loss
+    }
+
+    /// Whether something that was mapped moved in the frames that were lost last.
+    pub fn saw_two_motions(&self) -> bool {
+        self.rival.is_some()
     }
 
     /// Frames in a row that were not found.

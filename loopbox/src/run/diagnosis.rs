@@ -5,7 +5,7 @@ use crate::run::record::{FrameCounts, FrameRow};
 use geometry::GrayImage;
 use map::{Keyframe, Map};
 use serde::Serialize;
-use slam_direct::{Claim, FrameReport, TrackingState, has_hardly_any_depth};
+use slam_direct::{Claim, FrameReport, LossReason, TrackingState, has_hardly_any_depth};
 
 /// Every how many pixels one is looked at: cheap, and enough for means.
 const STRIDE: usize = 13;
@@ -66,8 +66,10 @@ impl ImageStatistics {
 pub struct Losses {
     /// How often.
     pub count: u64,
-    /// How often of these because the scale was lost ([`FrameReport::scale_is_lost`]).
+    /// How often of these because the scale was lost ([`LossReason::Scale`]).
     pub of_scale: u64,
+    /// How often of these because something that was mapped moved ([`LossReason::TwoMotions`]).
+    pub of_motion: u64,
     is_lost: bool,
     was_tracking: bool,
     /// The fragment that the newest tracked frame is in.
@@ -82,7 +84,8 @@ impl Losses {
         let at = format!("frame {} at {:.2} s", row.index, row.timestamp);
         if lost {
             self.count += 1;
-            self.of_scale += u64::from(report.scale_is_lost);
+            self.of_scale += u64::from(report.loss == Some(LossReason::Scale));
+            self.of_motion += u64::from(report.loss == Some(LossReason::TwoMotions));
             self.is_lost = true;
             let why = report.reason.map_or(String::new(), |reason| format!(": {reason}"));
             progress.warn_of("lost", &format!("tracking is lost since {at}{why}"));
@@ -274,14 +277,19 @@ mod tests {
     }
 
     #[test]
-    fn losses_of_the_scale_are_distinguished_from_others() {
-        let diagnosed = |losses, losses_of_scale| {
-            FrameCounts { losses, losses_of_scale, ..FrameCounts::default() }.losses_text()
+    fn losses_are_told_with_their_causes() {
+        let diagnosed = |losses, losses_of_scale, losses_of_motion| {
+            FrameCounts { losses, losses_of_scale, losses_of_motion, ..FrameCounts::default() }.losses_text()
         };
-        assert_eq!(diagnosed(0, 0), "0");
-        assert_eq!(diagnosed(3, 0), "3");
-        assert_eq!(diagnosed(1, 1), "1, for want of known depth: the scale is lost");
-        assert_eq!(diagnosed(3, 1), "3, 1 of them for want of known depth: the scale is lost");
+        assert_eq!(diagnosed(0, 0, 0), "0");
+        assert_eq!(diagnosed(3, 0, 0), "3");
+        assert_eq!(diagnosed(1, 1, 0), "1, for want of known depth: the scale is lost");
+        assert_eq!(diagnosed(3, 1, 0), "3, 1 of them for want of known depth: the scale is lost");
+        assert_eq!(diagnosed(1, 0, 1), "1, because something that was mapped moved");
+        assert_eq!(
+            diagnosed(4, 1, 2),
+            "4, 1 of them for want of known depth: the scale is lost, 2 because something that was mapped moved"
+        );
     }
 
     #[test]

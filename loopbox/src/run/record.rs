@@ -212,16 +212,28 @@ pub struct FrameCounts {
     pub losses: u64,
     /// How often of these because too few points of known depth were in view to carry the scale on.
     pub losses_of_scale: u64,
+    /// How often because something that was mapped moved, and which of two motions is the camera's is not known.
+    pub losses_of_motion: u64,
 }
 
 impl FrameCounts {
     /// How often tracking was lost, for people.
     pub fn losses_text(&self) -> String {
-        match self.losses_of_scale {
-            0 => self.losses.to_string(),
-            n if n == self.losses => format!("{n}, for want of known depth: the scale is lost"),
-            n => format!("{}, {n} of them for want of known depth: the scale is lost", self.losses),
+        let causes = [
+            (self.losses_of_scale, "for want of known depth: the scale is lost"),
+            (self.losses_of_motion, "because something that was mapped moved"),
+        ];
+        let mut text = self.losses.to_string();
+        let mut of_them = " of them";
+        for (count, cause) in causes.into_iter().filter(|(count, _)| *count > 0) {
+            if count == self.losses {
+                text += &format!(", {cause}");
+            } else {
+                text += &format!(", {count}{of_them} {cause}");
+                of_them = "";
+            }
         }
+        text
     }
 }
 

@@ -1,7 +1,7 @@
 //! A pose that no motion leads to is a claim, and on trial. Its frames are not published and make no keyframes until
 //! the frames that follow have decided whether they show the place.
 
-use super::{Agent, FrameReport, ResumeMode, State, TrackingState};
+use super::{Agent, FrameReport, LossReason, ResumeMode, State, TrackingState};
 use crate::background::Task;
 use crate::judge::{ClaimedPlace, JudgePlace, PlacedView};
 use crate::local_map::LocalMap;
@@ -130,9 +130,11 @@ impl Agent {
         self.trial = None;
     }
 
-    /// Whether a frame of this time that is found is a claim: nothing leads from the newest pose to it.
+    /// Whether a frame of this time that is found is a claim: nothing leads from the newest pose to it, or something that was mapped
+    /// moves since.
     pub(super) fn is_cut_off(&self, tracker: &Tracker, timestamp: f64) -> bool {
-        let is_cut_off = || tracker.is_cut_off(timestamp, self.params.atlas.begin_after);
+        let begin_after = self.params.atlas.begin_after;
+        let is_cut_off = || tracker.saw_two_motions() || tracker.is_cut_off(timestamp, begin_after);
         self.judge.is_some() && (self.is_relocalising || self.is_unsettled || is_cut_off())
     }
 
@@ -319,6 +321,6 @@ impl FrameReport {
     /// A report on a frame that shows too little of a map that is localised in.
     pub(super) fn tells_too_little() -> Self {
         let reason = "the view shows too little of the map to tell where it is";
-        Self { reason: Some(reason), ..Self::lost() }
+        Self { reason: Some(reason), ..Self::lost(LossReason::NotFound) }
     }
 }

@@ -52,6 +52,34 @@ pub enum TrackingState {
     Lost,
 }
 
+/// Why a frame has no pose.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LossReason {
+    /// It was found nowhere.
+    #[default]
+    NotFound,
+    /// It agrees with the map, but too few points of known depth are in view to give the length of the camera's motion. A map that
+    /// begins there has a scale of its own.
+    Scale,
+    /// What was mapped moves in two ways, and either may be what stands still. A map that begins there holds what moves together.
+    TwoMotions,
+}
+
+impl LossReason {
+    /// The same for people.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::NotFound => "the view matches no part of the map",
+            Self::Scale => {
+                "the scale is lost: too few points of known depth are in view to tell how far the camera moves"
+            }
+            Self::TwoMotions => {
+                "a part of what was mapped moves against the rest, and nothing tells which of them stands still"
+            }
+        }
+    }
+}
+
 /// The report on one frame.
 #[derive(Clone, Debug)]
 pub struct FrameReport {
@@ -81,25 +109,17 @@ pub struct FrameReport {
     pub matched_points: usize,
     /// Why the frame was not tracked, for people.
     pub reason: Option<&'static str>,
-    /// Whether the frame is lost because its scale is lost: it agrees with the map, but too few points of known depth
-    /// are in view to give the length of the camera's motion. A map that begins there has a scale of its own.
-    pub scale_is_lost: bool,
+    /// Why the frame is lost, if it is.
+    pub loss: Option<LossReason>,
     /// The state of a claim, if there is one: a pose that no motion leads to, after a loss or at the start of a
     /// resumed map.
     pub claim: Option<Claim>,
 }
 
 impl FrameReport {
-    /// A report on a frame that was found nowhere.
-    pub(crate) fn lost() -> Self {
-        Self { reason: Some("the view matches no part of the map"), ..Self::of(TrackingState::Lost) }
-    }
-
-    /// A report on a frame that agrees with the map, and would be followed at a scale that nothing in view carries on.
-    pub(super) fn without_scale() -> Self {
-        let reason =
-            "the scale is lost: too few points of known depth are in view to tell how far the camera moves";
-        Self { reason: Some(reason), scale_is_lost: true, ..Self::of(TrackingState::Lost) }
+    /// A report on a frame that is lost.
+    pub(crate) fn lost(loss: LossReason) -> Self {
+        Self { reason: Some(loss.text()), loss: Some(loss), ..Self::of(TrackingState::Lost) }
     }
 
     /// A report that says no more than the state.
@@ -117,7 +137,7 @@ impl FrameReport {
             rmse: 0.0,
             matched_points: 0,
             reason: None,
-            scale_is_lost: false,
+            loss: None,
             claim: None,
         }
     }

@@ -7,6 +7,7 @@ use loopbox_tests::{Recording, World, trajectory};
 use place_recog::ThumbnailIndex;
 
 mod claims;
+mod moving;
 mod recognised;
 mod scale;
 

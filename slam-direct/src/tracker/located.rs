@@ -5,6 +5,7 @@ use crate::align::{Alignment, AlignmentReference, Brightness, ReferencePoint};
 use crate::local_map::{LocalMap, PointRef};
 use crate::params::Params;
 use crate::relocalise::relocalise;
+use crate::rival::Rival;
 use crate::track::{self, Matched, Near, View};
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3, median};
@@ -29,6 +30,8 @@ pub(crate) struct Located {
     pub covered: usize,
     /// Median of the squared residuals over the assumed one.
     pub residual_scale: f64,
+    /// A second motion among its points, if there is one: the pose may be that of either.
+    pub(super) rival: Option<Rival>,
     pub(super) brightness: Brightness,
     pub(super) hosts: Vec<usize>,
     /// Motion of the camera, in map units.
@@ -146,7 +149,7 @@ pub(super) fn locate(
     let p = &params.track;
     let hosts = track::choose_hosts(map, near, &view.camera_from_world, reference, p.max_hosts);
     let (mut matched, searched) = track::match_points(map, &hosts, view, p, p.per_cell);
-    let found = if map.sensor.is_rolling() { matched.clone() } else { Vec::new() };
+    let found = matched.clone();
     let (mut camera_from_world, mut residual_scale) = track::refine_pose(map, view, &mut matched);
     let (mut better, rotation_sigma) = motion(&camera_from_world);
     if map.sensor.is_rolling() && better != view.motion {
@@ -156,11 +159,13 @@ pub(super) fn locate(
         if rotation_sigma > 0.0 {
             let view = View { camera_from_world, ..view };
             better = track::motion_by_rows(map, &view, &matched, rotation_sigma);
-            matched = found;
+            matched.clone_from(&found);
             (camera_from_world, residual_scale) =
                 track::refine_pose(map, &View { motion: better, ..view }, &mut matched);
         }
     }
+    let moved = View { camera_from_world, motion: better, ..*view };
+    let rival = Rival::among(map, &moved, &found, params);
     let inliers = matched.iter().filter(|m| m.inlier).count();
     let known = known_depths(map, &matched);
     let covered = covered(map, &matched);
@@ -177,6 +182,7 @@ pub(super) fn locate(
         known,
         covered,
         residual_scale,
+        rival,
     }
 }
 

@@ -5,6 +5,7 @@ use geometry::{Pinhole, Se3};
 use nalgebra::{Matrix6, Vector3, Vector6};
 
 /// A point of known depth, and where the frame sees it.
+#[derive(Clone, Copy)]
 pub(crate) struct SeenPoint {
     /// Direction of the point from the origin of the world, times its distance and `inverse_depth`.
     pub direction: Vector3<f64>,

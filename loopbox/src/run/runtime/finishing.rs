@@ -230,6 +230,7 @@ impl Run<'_> {
                 tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
                 losses: self.losses.count,
                 losses_of_scale: self.losses.of_scale,
+                losses_of_motion: self.losses.of_motion,
             },
             cost: Cost {
                 latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),

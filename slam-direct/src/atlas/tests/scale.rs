@@ -112,7 +112,10 @@ fn a_scale_that_a_pure_rotation_does_not_carry_is_lost_and_not_made_up() {
         let drive = Drive { seed, angle, focal };
         let (reports, maps) = drive.track();
         let lost = reports.iter().position(|report| report.state == TrackingState::Lost).expect("it is lost");
-        assert!((50..75).contains(&lost) && reports[lost].scale_is_lost, "{seed}: lost at {lost}");
+        assert!(
+            (50..75).contains(&lost) && reports[lost].loss == Some(LossReason::Scale),
+            "{seed}: lost at {lost}"
+        );
         assert!(reports[lost].reason.is_some_and(|why| why.contains("scale")));
         assert_eq!(maps.len(), 2, "{seed}");
         for map in &maps {
@@ -127,7 +130,7 @@ fn a_scale_that_a_pure_rotation_does_not_carry_is_lost_and_not_made_up() {
 fn a_scale_that_points_in_view_carry_is_kept_over_a_pure_rotation() {
     let drive = Drive { seed: 3, angle: 1.1, focal: 1.04 };
     let (reports, maps) = drive.track();
-    assert!(reports.iter().all(|report| report.state != TrackingState::Lost && !report.scale_is_lost));
+    assert!(reports.iter().all(|report| report.state != TrackingState::Lost && report.loss.is_none()));
     assert_eq!(maps.len(), 1);
     let (frames, ratio) = (maps[0].frames.len(), drive.worst_ratio(&maps[0]));
     assert!(frames == drive.path().len() && ratio < 1.1, "{frames} frames, {ratio}");

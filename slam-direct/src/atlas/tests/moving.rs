@@ -1,0 +1,39 @@
+//! Something that was mapped moves, or comes and goes.
+
+use super::*;
+use loopbox_tests::moving::{Mover, moving};
+
+/// Reports on the frames of a recording up to `until`, with the finished maps and the error of each, metres.
+fn tracked(mover: Mover, coverage: f64, until: usize) -> (Vec<FrameReport>, Vec<(Map, f64)>) {
+    let recording = moving(mover, coverage, 1).recording;
+    let mut atlas = atlas();
+    let reports = feed(&mut atlas, 0, images(&recording).into_iter().take(until));
+    atlas.finish_until(&|| false);
+    let truth = |i: u64| recording.shots[i as usize].world_from_camera;
+    let with_error = |map: Map| {
+        let error = error(&map, truth);
+        (map, error)
+    };
+    (reports, atlas.into_maps().into_iter().map(with_error).collect())
+}
+
+/// A lorry covers half of the view, stands there for four seconds and drives off: its points agree with one motion and the others with
+/// another, of which the lorry's used to be followed.
+#[test]
+fn where_a_part_of_the_map_drives_off_the_map_ends_and_says_why() {
+    let (reports, maps) = tracked(Mover::Departing, 0.6, 190);
+    let lost = reports.iter().position(|report| report.state == TrackingState::Lost).expect("it is lost");
+    assert!((130..160).contains(&lost), "lost at {lost}");
+    assert_eq!(reports[lost].loss, Some(LossReason::TwoMotions));
+    assert!(reports[lost].reason.is_some_and(|why| why.contains("moves against the rest")));
+    let errors: Vec<f64> = maps.iter().map(|(_, error)| *error).collect();
+    assert!(errors.iter().all(|error| *error < 0.05), "{errors:?}");
+}
+
+/// Whoever walks past was never mapped, or has few points: the rest of the view tells where the camera is.
+#[test]
+fn who_walks_past_ends_no_map() {
+    let (reports, maps) = tracked(Mover::Person, 0.5, 200);
+    assert!(reports.iter().all(|report| report.loss.is_none()));
+    assert_eq!((maps.len(), maps[0].0.frames.len()), (1, 200));
+}
