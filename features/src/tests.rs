@@ -95,3 +95,63 @@ fn a_flat_image_has_no_features_and_an_empty_one_is_refused() {
     assert!(sift(&flat, &SiftParams::default()).unwrap().is_empty());
     assert!(sift(&GrayImage::filled(0, 0, 0), &SiftParams::default()).is_err());
 }
+
+/// Each pixel's value through a function of it and a normally distributed number.
+fn changed(image: &GrayImage, change: impl Fn(f64, f64) -> f64) -> GrayImage {
+    let mut random = geometry::Random::new(7);
+    let mut pixel = |&v: &u8| change(f64::from(v), random.normal()).round().clamp(0.0, 255.0) as u8;
+    let pixels = image.data().iter().map(&mut pixel).collect();
+    GrayImage::from_vec(image.width(), image.height(), pixels).unwrap()
+}
+
+/// The share of the features of one image that another has within 1.5 pixels, looking alike.
+fn found_again(of: &Features, among: &Features) -> f64 {
+    let is_there = |(keypoint, descriptor): &(&Keypoint, &Descriptor)| {
+        among.keypoints.iter().zip(&among.descriptors).any(|(other, other_descriptor)| {
+            let off = (other.pixel[0] - keypoint.pixel[0]).hypot(other.pixel[1] - keypoint.pixel[1]);
+            off < 1.5 && squared_distance(descriptor, other_descriptor) < 90 * 90
+        })
+    };
+    let count = of.keypoints.iter().zip(&of.descriptors).filter(is_there).count();
+    count as f64 / of.len().max(1) as f64
+}
+
+#[test]
+fn a_dark_or_hazy_image_keeps_most_of_its_features() {
+    let strongest = SiftParams { max_features: 150, ..SiftParams::default() };
+    let bright = sift(&window(0), &strongest).unwrap();
+    let dark = changed(&window(0), |v, normal| 0.06 * v + 0.5 * normal);
+    let hazy = changed(&window(0), |v, normal| 150.0 + 0.1 * v + 0.5 * normal);
+    for image in [dark, hazy] {
+        let features = sift(&image, &SiftParams::default()).unwrap();
+        let kept = found_again(&bright, &features);
+        assert!(kept > 0.6, "{kept} of the strongest, of {} features", features.len());
+        // Not so by one contrast for all images.
+        let fixed = SiftParams { least_features: 0, ..SiftParams::default() };
+        assert!(found_again(&bright, &sift(&image, &fixed).unwrap()) < 0.2);
+    }
+}
+
+#[test]
+fn an_image_with_features_enough_has_those_of_the_contrast_alone() {
+    let fixed = SiftParams { least_features: 0, ..SiftParams::default() };
+    let all = sift(&window(0), &fixed).unwrap();
+    let enough = SiftParams { least_features: 150, ..SiftParams::default() };
+    assert!(all.len() > 200);
+    assert_eq!(sift(&window(0), &enough).unwrap(), all);
+    // Where they are few, weaker ones come behind.
+    let few = sift(&window(0), &SiftParams { contrast: 0.1, ..fixed }).unwrap();
+    let more = sift(&window(0), &SiftParams { contrast: 0.1, ..enough }).unwrap();
+    assert!(few.len() < 120 && (150..220).contains(&more.len()), "{} and {}", few.len(), more.len());
+    assert_eq!(more.keypoints[..few.len()], few.keypoints[..]);
+    assert_eq!(more.keypoints[..], all.keypoints[..more.len()]);
+}
+
+#[test]
+fn noise_has_no_features() {
+    for (level, noise) in [(100.0, 0.3), (100.0, 1.0), (100.0, 4.0), (3.0, 1.0)] {
+        let image = changed(&GrayImage::filled(640, 480, 0), |_, normal| level + noise * normal);
+        let features = sift(&image, &SiftParams::default()).unwrap();
+        assert!(features.len() < 10, "{} features of noise of {noise} grey levels", features.len());
+    }
+}

@@ -1,12 +1,13 @@
 //! SIFT (Lowe 2004) in Rust alone, made from the published algorithm.
 //!
-//! Read in this order: [`scale_space`], [`extrema`], [`orientation`], [`patch`], [`descriptor`]. All arithmetic is in one fixed
+//! Read in this order: [`scale_space`], [`extrema`], [`noise`], [`orientation`], [`patch`], [`descriptor`]. All arithmetic is in one fixed
 //! order and takes nothing from the system's mathematical library, so the features are the same to the bit on every
 //! machine.
 
 mod blur;
 mod descriptor;
 mod extrema;
+mod noise;
 mod orientation;
 mod patch;
 mod scale_space;
@@ -16,7 +17,7 @@ use crate::numbers::exp2;
 use crate::{Features, Keypoint, SiftParams};
 use descriptor::Describer;
 use extrema::{Extremum, extrema};
-use geometry::{GrayImage, Pyramid};
+use geometry::{GrayImage, Image, Pyramid};
 use scale_space::{LAYERS, Octave, Placed, SIGMA, Scales, first};
 use window::Window;
 
@@ -33,19 +34,37 @@ geometry::multiversion! {
 
         // As OpenCV counts it: of a full scale of one, and divided by the layers.
         let contrast = (params.contrast * 255.0 / LAYERS as f64) as f32;
-        let (mut octaves, mut found) = (Vec::new(), Vec::new());
+        let (mut octaves, mut differences, mut found) = (Vec::new(), Vec::new(), Vec::new());
         let (mut scales, mut next) = (Scales::new(), first);
-        while let Some((octave, differences)) = scales.octave(next) {
-            extrema(octaves.len(), &differences, contrast, &mut found);
+        while let Some((octave, of_octave)) = scales.octave(next) {
+            extrema(octaves.len(), &of_octave, contrast, &mut found);
             next = octave.next();
             octaves.push(octave);
+            differences.push(of_octave);
+        }
+        let mut most = params.max_features;
+        if found.len() < params.least_features {
+            most = params.least_features.min(most);
+            let above_noise = params.least_deviations as f32 * noise::deviation(&differences);
+            weaker(&differences, above_noise, contrast, &mut found);
         }
 
         // Of equal strength the first in the image, so that the order is one.
         found.sort_by(|a, b| b.contrast.total_cmp(&a.contrast));
         // Each has an orientation at least.
-        found.truncate(params.max_features);
+        found.truncate(most);
         described(&octaves, &found, placed, params.max_features)
+    }
+}
+
+/// Finds the extrema again that have at least the contrast `least`, grey levels, where it is below that of those `found`.
+#[inline(always)]
+fn weaker(differences: &[Vec<Image<f32>>], least: f32, found_from: f32, found: &mut Vec<Extremum>) {
+    if least < found_from {
+        found.clear();
+        for (octave, of_octave) in differences.iter().enumerate() {
+            extrema(octave, of_octave, least, found);
+        }
     }
 }
 
