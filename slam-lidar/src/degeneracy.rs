@@ -2,8 +2,8 @@
 //!
 //! The information of the points, already divided by how many of them err together, says how well each direction is
 //! known. A direction is weak when its standard deviation is worse than a bound in metres or radians, whatever the
-//! number of points or the size of the room. Along a weak direction the registration keeps the prediction: it is part
-//! of the same system, so nothing is remapped; what is left to do is to say so.
+//! number of points or the size of the room. Along a weak direction the registration mostly keeps the prediction, which is part
+//! of the same system; what stays weak the odometry guesses and says (`odometry::Guess`).
 
 use nalgebra::{Matrix3, Matrix6};
 
@@ -33,11 +33,28 @@ pub const WEAK_ROTATION: f64 = 0.005;
 pub fn conditioning(information: &Matrix6<f64>) -> Conditioning {
     let block = |row: usize, column: usize| information.fixed_view::<3, 3>(row, column).into_owned();
     let (t, coupling, r) = (block(0, 0), block(0, 3), block(3, 3));
-    let translation = deviations(&marginal(&t, &coupling, &r));
+    let translation = translations(information);
     let rotation = deviations(&marginal(&r, &coupling.transpose(), &t));
+    let weakest = translation.1.column(0);
     let weak = translation.0.iter().filter(|s| **s > WEAK_TRANSLATION).count()
         + rotation.0.iter().filter(|s| **s > WEAK_ROTATION).count();
-    Conditioning { translation: translation.0[0], weakest: translation.1, rotation: rotation.0[0], weak }
+    Conditioning {
+        translation: translation.0[0],
+        weakest: [weakest[0], weakest[1], weakest[2]],
+        rotation: rotation.0[0],
+        weak,
+    }
+}
+
+/// Standard deviations of the translation once the rotation is free, largest first, metres, and their directions as columns.
+pub(crate) fn translations(information: &Matrix6<f64>) -> ([f64; 3], Matrix3<f64>) {
+    deviations(&translation_information(information))
+}
+
+/// Information on the translation once the rotation is free.
+pub(crate) fn translation_information(information: &Matrix6<f64>) -> Matrix3<f64> {
+    let block = |row: usize, column: usize| information.fixed_view::<3, 3>(row, column).into_owned();
+    marginal(&block(0, 0), &block(0, 3), &block(3, 3))
 }
 
 /// Information on one block once the other is free: the Schur complement. What the other block does not know at all
@@ -47,11 +64,10 @@ fn marginal(own: &Matrix3<f64>, coupling: &Matrix3<f64>, other: &Matrix3<f64>) -
     own - coupling * inverse * coupling.transpose()
 }
 
-/// Standard deviations, largest first, and the direction of the largest.
-fn deviations(information: &Matrix3<f64>) -> ([f64; 3], [f64; 3]) {
+/// Standard deviations, largest first, and their directions as columns.
+fn deviations(information: &Matrix3<f64>) -> ([f64; 3], Matrix3<f64>) {
     let (values, vectors) = sorted_eigen((information + information.transpose()) * 0.5);
-    let weakest = vectors.column(0);
-    (values.map(|v| v.max(1e-12).powf(-0.5)), [weakest[0], weakest[1], weakest[2]])
+    (values.map(|v| v.max(1e-12).powf(-0.5)), vectors)
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use crate::a_loam::LastFeatures;
 use crate::degeneracy::conditioning;
 use crate::features::{Feature, Features, features};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
-use crate::odometry::{Odometry, OdometryParams, TrackedSweep};
+use crate::odometry::{Guess, Odometry, OdometryParams, TrackedSweep};
 use crate::point_grid::PointGrid;
 use crate::registration::{Normal, moved, plane_row};
 use crate::surfaces::sorted_eigen;
@@ -119,6 +119,7 @@ impl FeatureOdometry {
             inlier_share: fit.matched as f64 / (found.edges.len() + found.planes.len()).max(1) as f64,
             rmse: fit.rmse,
             steps: fit.steps,
+            guess: Guess::default(),
             lost: false,
         })
     }

@@ -10,6 +10,7 @@
 //! | [`motion::MotionTable`], [`motion::Sweep::undistorted`] | points without the motion of the sensor | §3.1, Eq. 3 |
 //! | [`surfaces`], [`registration`] | a local map of planes; a sweep registered against it in continuous time | ours |
 //! | [`odometry`], [`degeneracy`] | the default odometry; the directions in which points do not fix the pose | ours |
+//! | [`odometry::Guess`] | what of a motion the points do not determine, and the velocity carries | ours |
 //! | [`features::features`] | the smoothness of a point; edges and planes of a sweep | §3.1, Eq. 1 |
 //! | [`floam::FeatureOdometry`] | the paper's odometry: distortion compensated in two stages, scan to map | §3.1, Eq. 4 |
 //! | [`floam::FeatureMethod::ALoam`] | A-LOAM's odometry, which the paper compares with | §5 |
@@ -47,7 +48,10 @@ pub mod smoothing;
 mod start;
 pub mod surfaces;
 pub mod tracking;
+mod velocity;
 pub mod voxels;
 
+#[cfg(test)]
+mod doubt_tests;
 #[cfg(test)]
 mod odometry_tests;

@@ -8,7 +8,7 @@
 use crate::closure::{Alignment, Evidence, aligned, coarse_search};
 use crate::keyframe::Submap;
 use geometry::Se3;
-use nalgebra::{Matrix6, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 use std::fmt;
@@ -134,13 +134,17 @@ fn carried(pose: &Se3, covariance: &Matrix6<f64>) -> Matrix6<f64> {
 }
 
 impl Drift {
-    /// Adds a keyframe at a pose of the odometry.
-    pub fn push(&mut self, pose: &Se3) {
+    /// Adds a keyframe at a pose of the odometry; `guessed` is the covariance of what was guessed of the translation from the one before,
+    /// m², in the axes of the world.
+    pub fn push(&mut self, pose: &Se3, guessed: &Matrix3<f64>) {
         let (path, covariance) = match (self.poses.last(), self.paths.last(), self.covariances.last()) {
             (Some(last), Some(path), Some(covariance)) => {
                 let step = last.inverse() * *pose;
                 let metres = step.translation.norm() + TURN * step.rotation.angle();
-                (path + metres, covariance + carried(pose, &(variances(DRIFT) * metres)))
+                let mut sum = covariance + carried(pose, &(variances(DRIFT) * metres));
+                let mut translation = sum.fixed_view_mut::<3, 3>(0, 0);
+                translation += guessed;
+                (path + metres, sum)
             }
             _ => (0.0, Matrix6::zeros()),
         };

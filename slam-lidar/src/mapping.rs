@@ -6,12 +6,12 @@ use crate::floam::NoRings;
 use crate::keyframe::{Keyframe, Submap};
 use crate::loop_verdict::{Drift, LoopLine, Tie, Tracked, refusal};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
-use crate::odometry::{OdometryParams, TrackedSweep};
-use crate::smoothing::{Constraint, smooth};
+use crate::odometry::{Guess, OdometryParams, TrackedSweep};
+use crate::smoothing::{Constraint, isotropic, smooth};
 use crate::tracking::{Method, Tracker};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use geometry::Se3;
-use nalgebra::{Matrix6, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 use scans::Scan;
 use serde::{Deserialize, Serialize};
 
@@ -114,6 +114,12 @@ pub struct Agent {
     ties: Vec<Loop>,
     /// Each keyframe in the frame of the one before, as the odometry gave it.
     steps: Vec<Se3>,
+    /// Covariances of what was guessed of these translations, m², in the axes of the world.
+    guessed: Vec<Matrix3<f64>>,
+    /// The same since the last keyframe.
+    guessing: Matrix3<f64>,
+    /// Whether keyframes tell where they are: in a smooth tunnel every place fits every other one.
+    determined: Vec<bool>,
     /// What they may err by.
     drift: Drift,
     /// Candidates that were registered and refused.
@@ -133,6 +139,9 @@ impl Agent {
             loops: Vec::new(),
             ties: Vec::new(),
             steps: Vec::new(),
+            guessed: Vec::new(),
+            guessing: Matrix3::zeros(),
+            determined: Vec::new(),
             drift: Drift::default(),
             refused: Vec::new(),
             looked: 0,
@@ -172,6 +181,7 @@ impl Agent {
             inlier_share: 1.0,
             rmse: 0.0,
             steps: 0,
+            guess: Guess::default(),
             lost: false,
         };
         self.add(scan, &sweep);
@@ -186,6 +196,7 @@ impl Agent {
     /// Adds a sweep, and says whether it became a keyframe.
     fn add(&mut self, scan: &Scan, sweep: &TrackedSweep) -> bool {
         let pose = sweep.world_from_sensor;
+        self.guessing += sweep.guess.covariance;
         let is_keyframe = self.is_keyframe(&pose);
         if is_keyframe {
             self.add_keyframe(scan, sweep);
@@ -207,6 +218,15 @@ impl Agent {
     /// Keyframe `k + 1` in the frame of keyframe `k`, as the odometry gave it.
     pub fn steps(&self) -> &[Se3] {
         &self.steps
+    }
+
+    /// What [`steps`](Self::steps)`[k]` errs by: covariance of a right increment (υ, ω), m² and rad².
+    pub fn step_covariance(&self, k: usize) -> Matrix6<f64> {
+        let mut covariance = isotropic(self.params.odometry_deviation);
+        let rotation = self.tracked[k + 1].0.rotation_matrix();
+        let mut translation = covariance.fixed_view_mut::<3, 3>(0, 0);
+        translation += rotation.transpose() * self.guessed[k] * rotation;
+        covariance
     }
 
     /// Keyframes with their smoothed poses.
@@ -248,17 +268,20 @@ impl Agent {
     fn add_keyframe(&mut self, scan: &Scan, tracked: &TrackedSweep) {
         let pose = tracked.world_from_sensor;
         let points = undistorted(scan, tracked, &self.params);
+        let guessed = std::mem::take(&mut self.guessing);
         let (smoothed, path) = match (self.tracked.last(), self.keyframes.last()) {
             (Some((last, path)), Some(keyframe)) => {
                 let step = last.inverse() * pose;
                 self.steps.push(step);
+                self.guessed.push(guessed);
                 (keyframe.world_from_sensor * step, path + step.translation.norm())
             }
             _ => (pose, 0.0),
         };
         self.keyframes.push(Keyframe::new(tracked.instant, smoothed, points));
         self.tracked.push((pose, path));
-        self.drift.push(&pose);
+        self.determined.push(tracked.guess.directions == 0);
+        self.drift.push(&pose, &guessed);
     }
 
     /// Keyframes around one as a submap in its frame.
@@ -275,7 +298,7 @@ impl Agent {
     /// The earlier keyframe most like one of those that may be near by the odometry, and the yaw of the one in it, radians.
     fn candidate(&self, to: usize) -> Option<(usize, f64, Tracked)> {
         let (context, path) = (&self.keyframes[to].context, self.tracked[to].1);
-        let old = (0..to).filter(|&i| path - self.tracked[i].1 > self.params.apart);
+        let old = (0..to).filter(|&i| self.determined[i] && path - self.tracked[i].1 > self.params.apart);
         let mut near: Vec<(f32, usize)> =
             old.map(|i| (context.key_distance(&self.keyframes[i].context), i)).collect();
         near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -296,7 +319,7 @@ impl Agent {
         let to = self.keyframes.len() - 1;
         // A submap needs keyframes on both sides; half of them every other keyframe are enough.
         self.looked += 1;
-        if !self.looked.is_multiple_of(2) {
+        if !self.looked.is_multiple_of(2) || !self.determined[to] {
             return None;
         }
         let (from, yaw, tracked) = self.candidate(to)?;
@@ -331,7 +354,8 @@ impl Agent {
             deviation,
         };
         let constraints: Vec<Constraint> = self.ties.iter().map(constraint).collect();
-        let (steps, _) = smooth(&self.steps, self.params.odometry_deviation, &constraints);
+        let covariances: Vec<Matrix6<f64>> = (0..self.steps.len()).map(|k| self.step_covariance(k)).collect();
+        let (steps, _) = smooth(&self.steps, &covariances, &constraints);
         for (k, step) in steps.iter().enumerate() {
             self.keyframes[k + 1].world_from_sensor =
                 (self.keyframes[k].world_from_sensor * *step).renormalized();

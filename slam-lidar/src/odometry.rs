@@ -5,11 +5,17 @@
 //! estimated, so that a prediction that is wrong (a car that is already driving, a robot that turns hard) costs
 //! nothing.
 
-use crate::degeneracy::{Conditioning, conditioning};
+mod guess;
+
+pub use guess::Guess;
+use guess::Guessing;
+
+use crate::degeneracy::{Conditioning, WEAK_TRANSLATION, conditioning, translations};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
-use crate::registration::{Prediction, Registration, RegistrationParams, register};
+use crate::registration::{Prediction, Registration, RegistrationParams, false_information, register_by};
 use crate::start::first_displacement;
 use crate::surfaces::{SurfaceMap, SurfaceParams};
+use crate::velocity::Velocity;
 use crate::voxels::{VoxelTable, first_of_each_voxel};
 use geometry::{Se3, median};
 use nalgebra::{Matrix6, Vector6};
@@ -64,7 +70,8 @@ pub struct TrackedSweep {
     pub world_from_sensor: Se3,
     /// The motion during the sweep.
     pub motion: SweepMotion,
-    /// Information of the points on the pose, tangent (υ, ω) at the sensor in the axes of the world.
+    /// Information of the points on the pose, tangent (υ, ω) at the sensor in the axes of the world; where they say little without what
+    /// they say only because normals lean by chance.
     pub information: Matrix6<f64>,
     /// How well the points determine the pose.
     pub conditioning: Conditioning,
@@ -74,6 +81,8 @@ pub struct TrackedSweep {
     pub rmse: f64,
     /// Gauss–Newton steps taken.
     pub steps: usize,
+    /// What of the motion since the sweep before the points do not tell, but the motion model.
+    pub guess: Guess,
     /// Whether the sensor is not where it should be: the pose is none, and the map has nothing of the sweep.
     pub lost: bool,
 }
@@ -86,6 +95,9 @@ pub struct Odometry {
     last: Option<Last>,
     /// The first sweep, until the motion that distorted it is known.
     first: Option<Sweep>,
+    /// The velocity, from the second sweep on.
+    velocity: Option<Velocity>,
+    guessing: Guessing,
     swept: usize,
     /// Shares of the points that agreed in the newest sweeps that were tracked.
     shares: VecDeque<f64>,
@@ -120,6 +132,9 @@ const CONTIGUOUS: f64 = 0.3;
 /// Over a longer time than this, seconds, no sensor keeps its motion: a recording pauses, or its clock was set ahead, and the sensor is sought
 /// where it would be without.
 const LONGEST_GAP: f64 = 3.0;
+/// Standard deviation that points claim, metres, above which what they claim is looked at: a tenth of what is weak. What normals that lean by
+/// chance claim is a hundredth of that information.
+const LOOKED_AT: f64 = 0.1 * WEAK_TRANSLATION;
 /// Sweeps after which what lies far away is forgotten, again and again.
 const FORGET_EVERY: usize = 50;
 
@@ -128,7 +143,18 @@ impl Odometry {
     pub fn new(params: OdometryParams) -> Self {
         let map = SurfaceMap::new(params.surfaces);
         let (table, kept) = (VoxelTable::default(), Vec::new());
-        Self { params, map, last: None, first: None, swept: 0, shares: VecDeque::new(), table, kept }
+        Self {
+            params,
+            map,
+            last: None,
+            first: None,
+            velocity: None,
+            guessing: Guessing::default(),
+            swept: 0,
+            shares: VecDeque::new(),
+            table,
+            kept,
+        }
     }
 
     /// The local map.
@@ -145,10 +171,11 @@ impl Odometry {
             (Some(last), Some(first)) => self.start(first, &sweep, last),
             (Some(last), None) => self.follow(&sweep, &last),
         };
-        let tracked = self.describe(&sweep, &registration);
+        let mut tracked = self.describe(&sweep, &registration);
         if tracked.lost {
             return tracked;
         }
+        tracked.guess = self.guess(&sweep, &registration);
         self.shares.push_back(registration.inlier_share);
         if self.shares.len() > SUDDEN.1 {
             self.shares.pop_front();
@@ -247,19 +274,32 @@ impl Odometry {
             &mut self.table,
             &mut self.kept,
         );
-        register(sweep, &self.kept, &self.map, &prediction, &self.params.registration)
+        let params = &self.params.registration;
+        let (used, map) = (&self.kept, &self.map);
+        // Until what is guessed is said poses are those that all axes give: voxels' ends help where a sweep tells little of the height.
+        let asked = self.guessing.asked();
+        let mut found = register_by(sweep, used, map, &prediction, params, asked);
+        if translations(&found.information).0[0] > LOOKED_AT {
+            found.information -= false_information(sweep, used, map, &found.motion, params, asked);
+        }
+        self.carried(sweep, last, found)
+    }
+
+    /// Seconds between two sweeps in which nothing was seen.
+    fn gap(&self, sweep: &Sweep, last: &Last) -> f64 {
+        match sweep.instants.0 - last.instants.1 {
+            // The sensor spins on: one sweep begins where the other ends, and what differs is how stamps were rounded.
+            gap if gap.abs() < CONTIGUOUS * (sweep.instants.1 - sweep.instants.0) => 0.0,
+            gap if gap > LONGEST_GAP => 0.0,
+            gap => gap,
+        }
     }
 
     /// Stage one: the sensor keeps its motion.
     fn predict(&self, sweep: &Sweep, last: &Last, doubt: (f64, f64)) -> Prediction {
         let params = &self.params.registration;
         let duration = sweep.instants.1 - sweep.instants.0;
-        let gap = match sweep.instants.0 - last.instants.1 {
-            // The sensor spins on: one sweep begins where the other ends, and what differs is how stamps were rounded.
-            gap if gap.abs() < CONTIGUOUS * duration => 0.0,
-            gap if gap > LONGEST_GAP => 0.0,
-            gap => gap,
-        };
+        let gap = self.gap(sweep, last);
         let begin = last.motion.end * Se3::exp(&(last.twist * gap));
         let motion = SweepMotion { begin, end: begin * Se3::exp(&(last.twist * duration)) };
         // Between the middles of two sweeps the speed changes by the acceleration times their distance in time.
@@ -318,6 +358,7 @@ impl Odometry {
             inlier_share: registration.inlier_share,
             rmse: registration.rmse,
             steps: registration.steps,
+            guess: Guess::default(),
             lost: self.is_lost(registration),
         }
     }

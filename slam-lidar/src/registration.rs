@@ -6,7 +6,7 @@
 //! planes of voxels). Sweeps without times of points have one pose: then only the first of the sums is used.
 
 use crate::motion::{MotionTable, Sweep, SweepMotion};
-use crate::surfaces::SurfaceMap;
+use crate::surfaces::{Surface, SurfaceMap};
 use geometry::Se3;
 use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -149,6 +149,27 @@ pub(crate) fn register(
     prediction: &Prediction,
     params: &RegistrationParams,
 ) -> Registration {
+    register_by(sweep, used, map, prediction, params, Asked::All)
+}
+
+/// Of which axes of lines and scatters it is asked where along them a point lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Asked {
+    /// All that have a variance.
+    All,
+    /// Those along which the voxel does not cut the points off.
+    Uncut,
+}
+
+/// As [`register`], by the axes that are asked.
+pub(crate) fn register_by(
+    sweep: &Sweep,
+    used: &[u32],
+    map: &SurfaceMap,
+    prediction: &Prediction,
+    params: &RegistrationParams,
+    asked: Asked,
+) -> Registration {
     let mut motion = prediction.motion;
     let mut result =
         Registration { motion, information: Matrix6::zeros(), inlier_share: 0.0, rmse: 0.0, steps: 0 };
@@ -156,7 +177,7 @@ pub(crate) fn register(
     let mut widening = 8.0;
     for step in 1..=params.most_steps {
         let centre = motion.middle().translation;
-        let normal = linearise(sweep, used, map, &motion, &centre, params.kernel * widening);
+        let normal = linearise(sweep, used, map, &motion, &centre, (params.kernel * widening, asked));
         let last_kernel = widening == 1.0;
         let delta = solve(&normal, &motion, prediction, &centre, sweep.is_timed(), params);
         let (begin, end) = (delta.fixed_rows::<6>(0).into_owned(), delta.fixed_rows::<6>(6).into_owned());
@@ -188,7 +209,65 @@ pub(crate) fn agreement(
     motion: &SweepMotion,
     kernel: f64,
 ) -> f64 {
-    linearise(sweep, used, map, motion, &Vector3::zeros(), kernel).support / used.len().max(1) as f64
+    linearise(sweep, used, map, motion, &Vector3::zeros(), (kernel, Asked::All)).support
+        / used.len().max(1) as f64
+}
+
+/// How far a point lies from what its voxel knows, in variances.
+#[inline]
+fn squared_distance(surface: &Surface, point: [f32; 3]) -> f64 {
+    let offset = [0, 1, 2].map(|k| point[k] - surface.mean[k]);
+    let mut squared = 0.0;
+    for k in 0..3 {
+        if surface.variances[k] > 0.0 {
+            let n = surface.axes[k];
+            let along = f64::from(n[0] * offset[0] + n[1] * offset[1] + n[2] * offset[2]);
+            squared += along.powi(2) / f64::from(surface.variances[k]);
+        }
+    }
+    squared
+}
+
+/// Geman and McClure's weight of a squared distance in variances.
+#[inline]
+fn robust_weight(squared: f64, kernel: f64) -> f64 {
+    let bound = kernel * kernel;
+    (bound / (bound + squared)).powi(2)
+}
+
+/// What normals that lean by chance claim of the pose in the middle of a sweep: on average the information of points on planes is larger by
+/// it than that of the true normals, since E[n nᵀ] is the true normal's plus the covariance of its error (errors in variables; Fuller,
+/// "Measurement Error Models", 1987, 1.2).
+pub(crate) fn false_information(
+    sweep: &Sweep,
+    used: &[u32],
+    map: &SurfaceMap,
+    motion: &SweepMotion,
+    params: &RegistrationParams,
+    asked: Asked,
+) -> Matrix6<f64> {
+    let table = MotionTable::new(motion, &Se3::identity());
+    let centre = motion.middle().translation;
+    let centre = [centre.x, centre.y, centre.z];
+    let mut sum = Normal::ZERO;
+    for &i in used {
+        let world = table.transform(sweep.points[i as usize], sweep.shares[i as usize]);
+        let Some(surface) = map.surface_at(world) else { continue };
+        let robust = robust_weight(squared_distance(surface, world), params.kernel);
+        let mut add = |axis: usize, variance: f32| {
+            let row = plane_row(world.map(f64::from), centre, surface.axes[axis].map(f64::from));
+            sum.add(0.0, row, robust / f64::from(variance), 0.0);
+        };
+        for k in (0..2).filter(|&k| surface.slopes[k] > 0.0) {
+            add(k + 1, surface.variances[0] / surface.slopes[k]);
+        }
+        if asked == Asked::All {
+            (0..3)
+                .filter(|&k| surface.cut[k] && surface.variances[k] > 0.0)
+                .for_each(|k| add(k, surface.variances[k]));
+        }
+    }
+    sum.block(0) / params.correlation
 }
 
 fn linearise(
@@ -197,7 +276,7 @@ fn linearise(
     map: &SurfaceMap,
     motion: &SweepMotion,
     centre: &Vector3<f64>,
-    kernel: f64,
+    (kernel, asked): (f64, Asked),
 ) -> Normal {
     let table = MotionTable::new(motion, &Se3::identity());
     let centre = [centre.x, centre.y, centre.z];
@@ -208,21 +287,16 @@ fn linearise(
         let Some(surface) = map.surface_at(world) else { continue };
         let offset = [0, 1, 2].map(|k| world[k] - surface.mean[k]);
         let along = |n: [f32; 3]| f64::from(n[0] * offset[0] + n[1] * offset[1] + n[2] * offset[2]);
-        let mut squared = 0.0;
-        for k in 0..3 {
-            if surface.variances[k] > 0.0 {
-                squared += along(surface.axes[k]).powi(2) / f64::from(surface.variances[k]);
-            }
-        }
+        let squared = squared_distance(surface, world);
         let bound = kernel * kernel;
         if squared < bound {
             normal.inliers += 1.0;
             normal.squared += along(surface.axes[0]).powi(2);
         }
-        let robust = (bound / (bound + squared)).powi(2);
+        let robust = robust_weight(squared, kernel);
         normal.support += robust;
         for k in 0..3 {
-            if surface.variances[k] > 0.0 {
+            if surface.variances[k] > 0.0 && (asked == Asked::All || !surface.cut[k]) {
                 let n = surface.axes[k];
                 let row = plane_row(world.map(f64::from), centre, n.map(f64::from));
                 normal.add(along(n), row, robust / f64::from(surface.variances[k]), f64::from(share));

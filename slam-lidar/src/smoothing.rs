@@ -29,17 +29,20 @@ const KERNEL: f64 = 5.0;
 
 /// Steps that agree with the loops as well as they can, and each loop's weight, 0–1: a wrong one ends near 0.
 ///
-/// `steps[k]` is pose `k + 1` in the frame of pose `k`, as measured, with standard deviations `deviation`.
-pub fn smooth(steps: &[Se3], deviation: (f64, f64), constraints: &[Constraint]) -> (Vec<Se3>, Vec<f64>) {
+/// `steps[k]` is pose `k + 1` in the frame of pose `k`, as measured, with `covariances[k]` of a right increment (υ, ω), m² and rad².
+pub fn smooth(
+    steps: &[Se3],
+    covariances: &[Matrix6<f64>],
+    constraints: &[Constraint],
+) -> (Vec<Se3>, Vec<f64>) {
     let mut current = steps.to_vec();
     let mut errors = vec![Vector6::zeros(); steps.len()];
     let mut weights = vec![1.0; constraints.len()];
-    let covariance = variances(deviation);
     for round in 0..ROUNDS {
-        let chain = Chain::new(&current, &errors, &covariance);
+        let chain = Chain::new(&current, &errors, covariances);
         let rows: Vec<Row> = constraints.iter().map(|c| Row::new(c, &chain)).collect();
         let Some(duals) = solve(&rows, constraints, &weights, &chain) else { break };
-        errors = chain.errors(&rows, &duals, &covariance);
+        errors = chain.errors(&rows, &duals, covariances);
         for ((step, measured), error) in current.iter_mut().zip(steps).zip(&errors) {
             *step = *measured * Se3::exp(error);
         }
@@ -53,6 +56,11 @@ pub fn smooth(steps: &[Se3], deviation: (f64, f64), constraints: &[Constraint]) 
         }
     }
     (current, weights)
+}
+
+/// The covariance of errors that are the same along all axes, standard deviations in metres and radians.
+pub(crate) fn isotropic(deviation: (f64, f64)) -> Matrix6<f64> {
+    Matrix6::from_diagonal(&variances(deviation))
 }
 
 fn variances((translation, rotation): (f64, f64)) -> Vector6<f64> {
@@ -85,20 +93,19 @@ struct Chain {
 }
 
 impl Chain {
-    fn new(steps: &[Se3], errors: &[Vector6<f64>], covariance: &Vector6<f64>) -> Self {
+    fn new(steps: &[Se3], errors: &[Vector6<f64>], of_steps: &[Matrix6<f64>]) -> Self {
         let poses = poses(steps);
         let (mut covariances, mut sums) = (vec![Matrix6::zeros()], vec![Vector6::zeros()]);
-        for (k, error) in errors.iter().enumerate() {
+        for (k, (error, covariance)) in errors.iter().zip(of_steps).enumerate() {
             let adjoint = poses[k + 1].adjoint();
-            covariances
-                .push(covariances[k] + adjoint * Matrix6::from_diagonal(covariance) * adjoint.transpose());
+            covariances.push(covariances[k] + adjoint * covariance * adjoint.transpose());
             sums.push(sums[k] + adjoint * error);
         }
         Self { poses, covariances, errors: sums }
     }
 
     /// The steps' errors `−Σ Aᵀ` duals.
-    fn errors(&self, rows: &[Row], duals: &[Vector6<f64>], covariance: &Vector6<f64>) -> Vec<Vector6<f64>> {
+    fn errors(&self, rows: &[Row], duals: &[Vector6<f64>], of_steps: &[Matrix6<f64>]) -> Vec<Vector6<f64>> {
         let mut changes = vec![Vector6::zeros(); self.poses.len()];
         for (row, dual) in rows.iter().zip(duals) {
             let pulled = row.to_end.transpose() * dual;
@@ -106,11 +113,11 @@ impl Chain {
             changes[row.to] -= pulled;
         }
         let mut pulled = Vector6::zeros();
-        let error = |(pose, change): (&Se3, &Vector6<f64>)| {
+        let error = |((pose, change), covariance): ((&Se3, &Vector6<f64>), &Matrix6<f64>)| {
             pulled += change;
-            -covariance.component_mul(&(pose.adjoint().transpose() * pulled))
+            -covariance * (pose.adjoint().transpose() * pulled)
         };
-        self.poses[1..].iter().zip(&changes).map(error).collect()
+        self.poses[1..].iter().zip(&changes).zip(of_steps).map(error).collect()
     }
 }
 
@@ -195,10 +202,16 @@ mod tests {
     #[test]
     fn sums_along_the_chain_are_those_of_its_steps() {
         let (_, steps) = ring();
-        let covariance = variances((0.01, 0.002));
+        // Steps of which some are guessed along a direction.
+        let covariances: Vec<Matrix6<f64>> = (0..steps.len())
+            .map(|k| {
+                let along = Vector6::new(0.6, 0.0, 0.8, 0.0, 0.0, 0.0) * if k % 4 == 0 { 0.3 } else { 0.0 };
+                isotropic((0.01, 0.002)) + along * along.transpose()
+            })
+            .collect();
         let errors: Vec<Vector6<f64>> =
             (0..steps.len()).map(|k| Vector6::from_fn(|i, _| 1e-3 * ((k * 7 + i * 3) % 11) as f64)).collect();
-        let chain = Chain::new(&steps, &errors, &covariance);
+        let chain = Chain::new(&steps, &errors, &covariances);
         let deviation = (0.01, 0.002);
         let loops = [(5, 60), (20, 90), (70, 95)].map(|(from, to)| Constraint {
             from,
@@ -217,20 +230,17 @@ mod tests {
             assert!((rows[i].residual - expected).norm() < 1e-9);
             for (j, b) in loops.iter().enumerate() {
                 let both = within(a).filter(|k| within(b).contains(k));
-                let sum: Matrix6<f64> = both
-                    .map(|k| {
-                        jacobian(a, k) * Matrix6::from_diagonal(&covariance) * jacobian(b, k).transpose()
-                    })
-                    .sum();
+                let sum: Matrix6<f64> =
+                    both.map(|k| jacobian(a, k) * covariances[k] * jacobian(b, k).transpose()).sum();
                 assert!((rows[i].shared(&rows[j], &chain) - sum).norm() < 1e-9 * sum.norm().max(1.0));
             }
         }
         let duals = [1.0, -2.0, 0.5].map(|scale| Vector6::from_fn(|i, _| scale * (i as f64 - 2.0)));
-        let found = chain.errors(&rows, &duals, &covariance);
+        let found = chain.errors(&rows, &duals, &covariances);
         for (k, error) in found.iter().enumerate() {
             let pulls = loops.iter().zip(&duals).filter(|(c, _)| within(c).contains(&k));
             let pull: Vector6<f64> = pulls.map(|(c, dual)| jacobian(c, k).transpose() * dual).sum();
-            let expected: Vector6<f64> = -covariance.component_mul(&pull);
+            let expected: Vector6<f64> = -covariances[k] * pull;
             assert!((error - expected).norm() < 1e-12 + 1e-9 * expected.norm(), "step {k}");
         }
     }
@@ -246,9 +256,31 @@ mod tests {
         let wrong = Se3::exp(&Vector6::new(4.0, 0.0, 0.0, 0.0, 0.0, 0.0)) * between(40, 90);
         loops.push(Constraint { from: 40, to: 90, from_from_to: wrong, deviation });
         assert!(ends(&measured) > 0.03, "{}", ends(&measured));
-        let (smoothed, weights) = smooth(&measured, (0.005, 0.001), &loops);
+        let covariances = vec![isotropic((0.005, 0.001)); measured.len()];
+        let (smoothed, weights) = smooth(&measured, &covariances, &loops);
         assert!(ends(&smoothed) < 0.005, "{}", ends(&smoothed));
         assert!(weights[..5].iter().all(|w| *w > 0.8) && weights[5] < 0.01, "{weights:?}");
-        assert_eq!(smooth(&measured, (0.005, 0.001), &[]).0, measured);
+        assert_eq!(smooth(&measured, &covariances, &[]).0, measured);
+    }
+
+    /// Of 30 m in the middle 10 are guessed, which fell 2 m short: what a loop says of the end belongs there.
+    #[test]
+    fn a_loop_stretches_what_was_guessed() {
+        let step = |length: f64| Se3::exp(&Vector6::new(length, 0.0, 0.0, 0.0, 0.0, 0.0));
+        let is_guessed = |k: usize| (10..20).contains(&k);
+        let truth = vec![step(1.0); 30];
+        let measured: Vec<Se3> = (0..30).map(|k| step(if is_guessed(k) { 0.8 } else { 1.0 })).collect();
+        let mut guess = Matrix6::zeros();
+        guess[(0, 0)] = 0.5f64.powi(2);
+        let known = isotropic((0.005, 0.0005));
+        let covariances: Vec<Matrix6<f64>> =
+            (0..30).map(|k| if is_guessed(k) { known + guess } else { known }).collect();
+        let from_from_to = truth.iter().fold(Se3::identity(), |p, s| p * *s);
+        let found = Constraint { from: 0, to: 30, from_from_to, deviation: (0.01, 0.001) };
+        let (smoothed, weights) = smooth(&measured, &covariances, &[found]);
+        assert!(weights[0] > 0.9, "{weights:?}");
+        for (k, (step, truth)) in smoothed.iter().zip(&truth).enumerate() {
+            assert!((step.translation - truth.translation).norm() < 0.02, "{k}: {:?}", step.translation);
+        }
     }
 }

@@ -59,6 +59,12 @@ pub struct Surface {
     pub axes: [[f32; 3]; 3],
     /// Variance of the points along each axis, with that of the fit, square metres. 0: nothing is asked along it.
     pub variances: [f32; 3],
+    /// Of a line or a scatter, axes along which the voxel cuts the points off: they end where the voxel does, not where something in the
+    /// world does, and say nothing about how far a point has moved.
+    pub cut: [bool; 3],
+    /// Of a plane, variance of the slope by which its normal leans towards the second and the third axis by chance: of the points' noise
+    /// over their spread and count. 0 of others.
+    pub slopes: [f32; 2],
 }
 
 impl Surface {
@@ -209,7 +215,16 @@ fn fit(sums: &Sums, key: VoxelKey, edges: [f32; 3], smallest: bool, params: &Sur
         && deviations[1] >= (params.aspect * deviations[0].max(LEAST_DEVIATION)).max(params.width * size)
     {
         surface.variances[0] = variance(deviations[0]);
-    } else if smallest && !thin(0) {
+        let independent = sums.count.min(INDEPENDENT);
+        surface.slopes = [1, 2].map(|k| surface.variances[0] / (independent * values[k] as f32));
+        return surface;
+    }
+    // Evenly spread points reach √3 standard deviations from their mean.
+    surface.cut = [0, 1, 2].map(|k| {
+        let reach = |i: usize| mean[i].abs() + CUT * (values[k].sqrt() * vectors[(i, k)]).abs();
+        (0..3).any(|i| reach(i) > 0.5 * f64::from(edges[i]))
+    });
+    if smallest && !thin(0) {
         surface.variances = deviations.map(variance);
     } else if smallest
         && thin(1)
@@ -221,6 +236,11 @@ fn fit(sums: &Sums, key: VoxelKey, edges: [f32; 3], smallest: bool, params: &Sur
     surface
 }
 
+/// Points that a voxel cuts off reach its boundary within so many standard deviations.
+const CUT: f64 = 2.5;
+/// Points of a plane count as so many that err independently at most: those of a sweep err with its pose. By the true normals of ray-cast
+/// halls, tunnels and corridors slopes vary 0.6–2.9 times as much as by that.
+const INDEPENDENT: f32 = 20.0;
 /// Sine of the least slope of a line that is believed: flatter ones may be the trace of a ring on something else.
 const UPRIGHT: f32 = 0.7;
 

@@ -3,7 +3,7 @@
 //! `cargo run --release -p slam-lidar --example lidar -- COMMAND FOLDER…`
 //! - `odometry`, `floam`, `a-loam`: errors and time of a sweep;
 //! - `loops`: loops closed and refused, errors before and after;
-//! - `sites LOT WORDS`: ray-cast drives of a lot, no folders, with the loops that are wrong;
+//! - `sites LOT WORDS`: ray-cast drives of a lot, no folders, with the loops that are wrong and the metres that are guessed;
 //! - `merge`: maps of all folders merged pair by pair, and together;
 //! - `merge-emr`: the same by the paper's chain;
 //! - `merge-given`: the same, with maps built on the given poses from scans that are not distorted;
@@ -13,6 +13,7 @@
 mod loops;
 mod merging;
 mod odometry;
+mod oracle;
 mod sites;
 mod truth;
 

@@ -37,14 +37,14 @@ fn submap(keyframes: &[Keyframe]) -> Submap {
 /// Odometry along straight pieces of path, a keyframe a metre, that errs by a share of it and by radians a metre.
 fn drift(corners: &[Se3], share: f64, turn: f64) -> Drift {
     let (mut drift, mut pose) = (Drift::default(), Se3::identity());
-    drift.push(&pose);
+    drift.push(&pose, &Matrix3::zeros());
     for pair in corners.windows(2) {
         let motion = pair[0].inverse() * pair[1];
         let count = motion.translation.norm().ceil().max(1.0);
         let step = Se3::exp(&(motion.log() / count));
         for _ in 0..count as usize {
             pose = pose * step * place(share * step.translation.norm(), 0.0, turn);
-            drift.push(&pose);
+            drift.push(&pose, &Matrix3::zeros());
         }
     }
     drift
