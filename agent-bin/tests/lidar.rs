@@ -3,7 +3,9 @@
 mod common;
 
 use common::{arg, loopbox, stderr, stdout, write};
-use loopbox_tests::lidar::{HALL, walk, write_recording};
+use loopbox_tests::lidar::{HALL, SIXTEEN, Sensor, walk, write_recording, write_recording_of};
+use loopbox_tests::lidar_open::{Walls, tunnel};
+use loopbox_tests::lidar_paths::{Carried, Carrier};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -121,6 +123,37 @@ fn scans_become_maps_that_are_measured_viewed_exported_and_merged() {
     // The same again gives the same bytes, on one core too.
     hall.run(0, "run @a --out @again --threads 1 --quiet");
     assert_eq!(fs::read(hall.at("again/map.mcap")).unwrap(), fs::read(hall.at("out/a/map.mcap")).unwrap());
+}
+
+/// Between two halls a tunnel, of which a sensor that reaches 20 m sees neither end for a while.
+#[test]
+fn a_tunnel_is_said_to_be_guessed_and_strict_does_not_take_it() {
+    let hall = Hall::new();
+    let (boxes, corners) = tunnel(3, 60.0, Walls::Smooth, 10.0);
+    let path = Carried::along(&corners, 5.0, Carrier::Wheels);
+    let short = Sensor { reach: 20.0, ..SIXTEEN };
+    write_recording_of(&short, &hall.at("tunnel"), &boxes, |t| path.at(t), path.duration()).unwrap();
+    let (printed, warned) = hall.run(4, "run @tunnel --out @out/tunnel --strict");
+    assert!(
+        printed.contains("guessed   ") && warned.contains("m of the path are guessed and doubtful"),
+        "{printed}{warned}"
+    );
+    assert!(
+        warned.contains("which --strict does not take") && hall.at("out/tunnel/map.mcap").exists(),
+        "{warned}"
+    );
+    let record = hall.json("out/tunnel/run.json");
+    // Over 20 m neither end is within reach, and over some more only a few points of it.
+    let metres = record["map"]["guessed_m"].as_f64().unwrap();
+    assert!((20.0..34.0).contains(&metres), "{metres}");
+    let stretch = &record["guessed"][0];
+    assert!(stretch["from_s"].as_f64() < stretch["to_s"].as_f64(), "{stretch}");
+    assert!(stretch["deviation_m"].as_f64().unwrap() > 0.5, "{stretch}");
+    let page = fs::read_to_string(hall.at("out/tunnel/report.html")).unwrap();
+    assert!(page.contains("guessed, doubtful"), "the page says it");
+    // Where all is seen nothing is guessed.
+    let (printed, warned) = hall.run(0, "run @a --out @out/a --strict");
+    assert!(!printed.contains("guessed") && !warned.contains("guessed"), "{printed}{warned}");
 }
 
 #[test]

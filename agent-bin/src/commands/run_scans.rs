@@ -1,6 +1,6 @@
 //! `loopbox run` over a LiDAR's scans.
 
-use crate::console::{say, tell};
+use crate::console::{Ended, Ending, say, tell};
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -50,6 +50,9 @@ pub struct ScanArgs {
     /// Of a LiDAR: the unit of the clouds' lengths, where it is not the metre
     #[arg(long, value_enum, value_name = "UNIT", default_value_t = ScanUnit::M, hide_default_value = true)]
     pub scan_unit: ScanUnit,
+    /// Of a LiDAR: end with exit code 4 where part of the path is guessed, because the scans do not determine all of the motion
+    #[arg(long)]
+    pub strict: bool,
     /// Of a folder that holds both: take the scans or the images
     #[arg(long, value_enum, value_name = "WHICH")]
     pub sensor: Option<SensorChoice>,
@@ -103,7 +106,8 @@ fn method_parser() -> impl TypedValueParser<Value = Method> {
 impl ScanArgs {
     /// The first option that was given, by its name on the command line.
     pub fn given(&self) -> Option<&'static str> {
-        let Self { odometry, poses, rate, times, undistorted, scan_timing, scan_unit, sensor: _ } = self;
+        let Self { odometry, poses, rate, times, undistorted, scan_timing, scan_unit, strict, sensor: _ } =
+            self;
         let given = [
             (odometry.is_some(), "--odometry"),
             (poses.is_some(), "--poses"),
@@ -112,6 +116,7 @@ impl ScanArgs {
             (*undistorted, "--undistorted"),
             (*scan_timing != ScanTiming::Found, "--scan-timing"),
             (*scan_unit != ScanUnit::M, "--scan-unit"),
+            (*strict, "--strict"),
         ];
         given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name)
     }
@@ -181,7 +186,7 @@ pub struct ScanRun<'a> {
     pub stop: &'a Stop,
 }
 
-/// Runs it; returns the share of the scans that have a pose.
+/// Runs it; returns the share of the scans that have a pose. With `--strict` it fails where part of the path is guessed.
 ///
 /// # Errors
 /// When scans, poses or parameters cannot be used, nothing could be tracked, or results cannot be written.
@@ -228,6 +233,13 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
     }
     match failure {
         Some(failure) => bail!("the run ended early, what was mapped is saved: {failure}"),
+        None if args.strict && record.scans.guessed > 0 => {
+            let text = format!(
+                "{:.1} m of the path are guessed, which --strict does not take; the map is saved",
+                record.map.guessed_m
+            );
+            Err(Ended { ending: Ending::TooLittleTracked, text }.into())
+        }
         None => Ok(record.scans.tracked as f64 / record.scans.offered.max(1) as f64),
     }
 }
@@ -305,7 +317,14 @@ fn summary(record: &LidarRecord, out: &Path) {
         say!("rigid        {without} scans have no times of points and were taken as undistorted");
     }
     if scans.degenerate > 0 {
-        say!("open         {} scans leave a direction of the pose open", scans.degenerate);
+        say!("open         {} scans determine a direction of the pose badly", scans.degenerate);
+    }
+    if scans.guessed > 0 {
+        say!(
+            "guessed      {:.1} m of the path, in {} scans that do not determine it",
+            map.guessed_m,
+            scans.guessed
+        );
     }
     if scans.losses > 0 {
         let times = if scans.losses == 1 { "once" } else { &*format!("{} times", scans.losses) };

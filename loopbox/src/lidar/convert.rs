@@ -2,7 +2,7 @@
 
 use geometry::{GrayImage, Se3, Sim3};
 use map::{AgentId, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, Scan};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::{Matrix3, Matrix6, SMatrix, SVector};
 use slam_lidar::keyframe;
 use slam_lidar::mapping::TrackedFrame;
 use std::sync::Arc;
@@ -55,6 +55,22 @@ pub(super) fn edge(
     Edge { from, to, from_from_to: Sim3::from(*from_from_to), information, kind }
 }
 
+/// An edge of the odometry, which errs by a right increment (υ, ω) with `covariance`, m² and rad².
+pub(super) fn odometry_edge(ends: [KeyframeId; 2], from_from_to: &Se3, covariance: &Matrix6<f64>) -> Edge {
+    let deviation = |k: usize| covariance[(k, k)].sqrt();
+    let mut edge = edge(ends, from_from_to, (deviation(0), deviation(3)), EdgeKind::Odometry);
+    let translation = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+    if translation == Matrix3::from_diagonal_element(covariance[(0, 0)]) {
+        return edge;
+    }
+    // As a left increment: in the axes of the earlier keyframe.
+    let rotation = from_from_to.rotation_matrix();
+    if let Some(information) = (rotation * translation * rotation.transpose()).try_inverse() {
+        edge.information.fixed_view_mut::<3, 3>(0, 0).copy_from(&information);
+    }
+    edge
+}
+
 /// A tracked sweep as the map keeps it.
 pub(super) fn frame(frame_index: u64, sweep: &TrackedFrame) -> FramePose {
     FramePose {
@@ -62,5 +78,27 @@ pub(super) fn frame(frame_index: u64, sweep: &TrackedFrame) -> FramePose {
         frame_index,
         reference: id(sweep.keyframe),
         keyframe_from_frame: sweep.keyframe_from_sensor,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{UnitQuaternion, Vector3};
+
+    #[test]
+    fn an_edge_bears_what_was_guessed_of_it_in_the_axes_of_the_earlier_keyframe() {
+        let quarter = UnitQuaternion::from_scaled_axis(Vector3::z() * std::f64::consts::FRAC_PI_2);
+        let step = Se3::new(quarter, Vector3::new(1.0, 0.0, 0.0));
+        let ends = [id(0), id(1)];
+        let mut covariance = Matrix6::from_diagonal_element(1e-4);
+        let known = odometry_edge(ends, &step, &covariance);
+        assert_eq!(known.information, edge(ends, &step, (0.01, 0.01), EdgeKind::Odometry).information);
+        // Along the later one's x, which is the earlier one's y.
+        covariance[(0, 0)] += 4.0;
+        let guessed = odometry_edge(ends, &step, &covariance).information;
+        let deviation = |k: usize| guessed[(k, k)].powf(-0.5);
+        assert!((deviation(0) - 0.01).abs() < 1e-6 && (deviation(1) - 2.0).abs() < 1e-3, "{guessed}");
+        assert!(guessed[(0, 1)].abs() < 1e-6 && (deviation(3) - 0.01).abs() < 1e-9, "{guessed}");
     }
 }

@@ -1,6 +1,6 @@
 //! A LiDAR agent and its map, a scan at a time.
 
-use super::convert::{edge, frame, id, to_keyframe};
+use super::convert::{edge, frame, id, odometry_edge, to_keyframe};
 use super::poses::GivenPoses;
 use geometry::Sim3;
 use map::{AgentId, AgentInfo, EdgeKind, Identity, Map};
@@ -109,7 +109,7 @@ impl Mapper {
         }
         let is_keyframe = fragment.agent.keyframes().len() > fragment.map.keyframes.len();
         if is_keyframe {
-            fragment.add_keyframe(index, &self.params);
+            fragment.add_keyframe(index);
         }
         if let Some(found) = &closed {
             fragment.add_loop(found, &self.params);
@@ -148,12 +148,12 @@ impl Fragment {
         Self { map: Map::of(about), agent: Agent::new(params) }
     }
 
-    fn add_keyframe(&mut self, frame_index: u64, params: &MappingParams) {
+    fn add_keyframe(&mut self, frame_index: u64) {
         let Some((last, keyframe)) = self.agent.keyframes().iter().enumerate().next_back() else { return };
         self.map.keyframes.insert(id(last), to_keyframe(last, frame_index, keyframe));
         if let (Some(before), Some(step)) = (last.checked_sub(1), self.agent.steps().last()) {
-            let deviation = params.odometry_deviation;
-            self.map.edges.push(edge([id(before), id(last)], step, deviation, EdgeKind::Odometry));
+            let covariance = self.agent.step_covariance(before);
+            self.map.edges.push(odometry_edge([id(before), id(last)], step, &covariance));
         }
     }
 

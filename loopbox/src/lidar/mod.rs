@@ -6,6 +6,7 @@
 
 mod convert;
 mod fragments;
+pub mod guessed;
 pub mod mapper;
 pub mod merging;
 mod notifying;

@@ -1,5 +1,6 @@
 //! The numbers of a LiDAR agent's run: what `run.json` holds and the report shows.
 
+use super::guessed::GuessedRow;
 use super::mapper::MappedScan;
 use map::{Map, SensorKind};
 use scans::ScanInfo;
@@ -37,6 +38,8 @@ pub struct LidarRecord {
     pub map: MapCounts,
     /// The maps of the run, that of most scans first: more than one where the sensor was carried away and nothing joins them.
     pub fragments: Vec<FragmentRow>,
+    /// Stretches of the path whose scans do not determine all of the motion: there it is guessed, and the map is doubtful.
+    pub guessed: Vec<GuessedRow>,
     /// Loops closed.
     pub loops: Vec<LoopRow>,
     /// Places that were registered and refused.
@@ -87,8 +90,11 @@ pub struct ScanCounts {
     pub timed: u64,
     /// Points that were left out since their times are not of their sweep.
     pub stale_points: u64,
-    /// Of all with a pose, scans that leave a direction of the pose open; along it the sensor is taken to keep its motion.
+    /// Of all with a pose, scans that determine a direction of the pose badly.
     pub degenerate: u64,
+    /// Of all with a pose, scans of stretches in which a direction of the translation is guessed: along it the sensor is taken to keep its
+    /// velocity.
+    pub guessed: u64,
     /// Scans skipped, by reason.
     pub skipped: BTreeMap<&'static str, u64>,
     /// The first of each reason, in words.
@@ -147,6 +153,8 @@ pub struct MapCounts {
     pub path_m: f64,
     /// How far the loops moved the last pose, metres.
     pub corrected_m: f64,
+    /// Metres of the path that are guessed, before loops.
+    pub guessed_m: f64,
 }
 
 impl MapCounts {
@@ -160,6 +168,7 @@ impl MapCounts {
             points: scans.map(|scan| scan.len()).sum(),
             path_m: map.summary(None).path_length,
             corrected_m: ends.map_or(0.0, |((_, a), (_, b))| (a.translation - b.translation).norm()),
+            guessed_m: 0.0,
         }
     }
 }
@@ -244,7 +253,7 @@ impl LoopRow {
 }
 
 /// One scan.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct ScanRow {
     /// Index in the recording.
     pub index: u64,
@@ -260,8 +269,14 @@ pub struct ScanRow {
     pub inlier_share: f64,
     /// Root mean square distance of those from their surfaces, metres.
     pub rmse_m: f64,
-    /// Directions of the pose that the points leave open.
+    /// Directions of the pose that the points determine badly.
     pub weak: usize,
+    /// Directions of the translation that are guessed.
+    pub guessed: usize,
+    /// Metres since the scan before that are guessed; what was guessed before it came to be said is in the first of a stretch.
+    pub guessed_m: f64,
+    /// What the pose may err by since the last one that was determined, standard deviation, metres; 0 where nothing is guessed.
+    pub guessed_deviation_m: f64,
     /// Whether it became a keyframe.
     pub keyframe: bool,
     /// Whether it closed a loop.
@@ -281,6 +296,9 @@ impl ScanRow {
             inlier_share: sweep.inlier_share,
             rmse_m: sweep.rmse,
             weak: sweep.conditioning.weak,
+            guessed: sweep.guess.directions,
+            guessed_m: sweep.guess.metres,
+            guessed_deviation_m: sweep.guess.deviation,
             keyframe: taken.is_keyframe,
             closed: taken.closed.is_some(),
         }

@@ -1,5 +1,6 @@
 //! `report.html` of a LiDAR run and of a merge of LiDAR maps.
 
+use super::guessed::GuessedRow;
 use super::merging::{LidarMergeRecord, LidarMerging, PairRecord};
 use super::page::{Matrix, Page, Plot, Table, packed_path, thinned};
 use super::record::{LidarRecord, LoopRow, ScanRow};
@@ -19,11 +20,16 @@ pub(super) fn of_run(path: &Path, map: &Map, agent: &Agent, record: &LidarRecord
         tiles: run_tiles(record),
         odometry: (!record.loops.is_empty()).then(|| packed_path(&agent.odometry())),
         matrices: vec![Matrix::new(name, &contexts, &contexts)],
-        tables: vec![loops("Loops closed", &record.loops), loops("Places refused", &record.refused_loops)],
+        tables: vec![
+            guessed(&record.guessed),
+            loops("Loops closed", &record.loops),
+            loops("Places refused", &record.refused_loops),
+        ],
         plots: vec![
             plot("milliseconds a scan", |row| row.ms),
             plot("share of points that agree with the map", |row| row.inlier_share),
             plot("distance of those from their surfaces, metres", |row| row.rmse_m),
+            plot("what the pose may err by where it is guessed, metres", |row| row.guessed_deviation_m),
         ],
     };
     page.write(path, name, map)
@@ -71,10 +77,28 @@ fn run_tiles(record: &LidarRecord) -> Vec<(String, String)> {
         ("loops closed", record.loops.len().to_string()),
         ("moved by loops", format!("{:.3} m", map.corrected_m)),
         ("open directions", format!("{} scans", scans.degenerate)),
+        ("guessed, doubtful", format!("{:.1} m, {} scans", map.guessed_m, scans.guessed)),
         ("ms a scan, median · 99 %", format!("{:.1} · {:.1}", cost.median_ms, cost.p99_ms)),
         ("peak memory", memory),
     ];
     numbers.into_iter().map(|(label, value)| (label.to_owned(), value)).collect()
+}
+
+fn guessed(rows: &[GuessedRow]) -> Table {
+    let row = |row: &GuessedRow| {
+        vec![
+            format!("{:.1} – {:.1}", row.from_s, row.to_s),
+            row.scans.to_string(),
+            row.directions.to_string(),
+            format!("{:.1}", row.metres),
+            format!("{:.1}", row.deviation_m),
+        ]
+    };
+    Table {
+        name: "Guessed: scans that do not determine the motion".into(),
+        head: vec!["seconds", "scans", "open directions", "metres guessed", "may err by m"],
+        rows: rows.iter().map(row).collect(),
+    }
 }
 
 fn loops(name: &str, rows: &[LoopRow]) -> Table {

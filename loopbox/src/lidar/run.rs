@@ -1,6 +1,7 @@
 //! A recording of scans into a map.
 
 use super::fragments::joined;
+use super::guessed::{GuessedRow, doubtful};
 use super::mapper::{Mapper, NotMapped};
 use super::outlook::{Ranges, too_far, too_few_scans};
 use super::poses::GivenPoses;
@@ -139,7 +140,10 @@ pub fn run(
     scans.tracked -= scans.tracked_apart;
     let stale = (scans.stale_points > 0)
         .then(|| format!("{} points were left out, whose times are not of their sweep", scans.stale_points));
+    let guessed = GuessedRow::of(&rows);
+    let guessed_m = guessed.iter().map(|row| row.metres).sum();
     let warnings = ranges.warning(farthest).into_iter().chain(too_few_scans(&scans)).chain(stale);
+    let warnings = warnings.chain(doubtful(&guessed));
     let record = LidarRecord {
         warnings: warnings.collect(),
         point_times: None,
@@ -152,7 +156,8 @@ pub fn run(
         interrupted,
         scans,
         cost,
-        map: MapCounts::of(map, &agent),
+        map: MapCounts { guessed_m, ..MapCounts::of(map, &agent) },
+        guessed,
         fragments: maps.iter().map(FragmentRow::of).collect(),
         loops: agent.loops().iter().map(LoopRow::of).collect(),
         refused_loops: agent.refused().iter().map(LoopRow::of_refused).collect(),
@@ -205,6 +210,7 @@ fn map_scan(mapper: &mut Mapper, next: NextScan, scans: &mut ScanCounts) -> Resu
     scans.tracked += 1;
     scans.timed += u64::from(!scan.times.is_empty());
     scans.degenerate += u64::from(taken.sweep.conditioning.weak > 0);
+    scans.guessed += u64::from(taken.sweep.guess.directions > 0);
     Ok(ScanRow::of(next.index, scan.points.len(), took, &taken))
 }
 
