@@ -5,12 +5,12 @@
 //! second one to what does not agree with the first (sequential consensus: Torr and Murray, *Stochastic motion clustering*, 1994), by what each point
 //! was found with: the information that [`refine_pose`](crate::track::refine_pose) lowers to what the frame shows hides the difference.
 
-use crate::local_map::{LocalMap, PointRef};
+use crate::local_map::LocalMap;
 use crate::params::Params;
 use crate::track::{INLIER, Matched, TRACKING, View, world_point};
 use crate::window::SeenPoint;
 use geometry::{Pinhole, Se3};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 /// Times that either motion is fitted to what is left by the other.
 const ROUNDS: usize = 3;
@@ -19,47 +19,32 @@ const ROUNDS: usize = 3;
 /// bends the rows of an image whose shutter is not known yet, a second pose fits 0.42 to 0.57 of what is bent.
 const EXPLAINED: f32 = 0.65;
 
-/// The points of known depth that agree with each of two motions.
-pub(crate) struct Rival {
-    sides: [BTreeSet<PointRef>; 2],
-}
-
-impl Rival {
-    /// Two motions among the points `found`, if the second one has its share of those that agree with either (`track.max_rival`). Of a
-    /// keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its old keyframes move
-    /// against those of the new ones, but each keyframe's stay together.
-    ///
-    /// The matches have the information that they were found with; the pose in the `view` is the refined one.
-    pub fn among(map: &LocalMap, view: &View, found: &[Matched], params: &Params) -> Option<Self> {
-        // What has no known depth agrees with many motions, or with a wrong one.
-        let found: Vec<&Matched> = found.iter().filter(|m| map.point(m.at).is_known()).collect();
-        let points: Vec<SeenPoint> =
-            found.iter().map(|m| world_point(map, &view.camera_from_world, &view.motion, m)).collect();
-        let motions = Motions { camera: &map.camera, points: &points };
-        let all: Vec<usize> = (0..points.len()).collect();
-        let (least, few) = (params.track.max_rival, params.keyframes.min_matched);
-        let is_many = |count: usize, of: usize| count >= few && count as f32 >= least * of as f32;
-        let [_, rest] = motions.split(&all, &view.camera_from_world);
-        if !is_many(rest.len(), points.len()) {
-            return None;
-        }
-        let [first, second] = motions.two(&all, &view.camera_from_world);
-        if (second.len() as f32) < EXPLAINED * (points.len() - first.len()) as f32 {
-            return None;
-        }
-        let (of_first, of_second) = (by_host(&found, &first), by_host(&found, &second));
-        let both = |(host, count): (&usize, &usize)| (*count).min(of_first.get(host).copied().unwrap_or(0));
-        let together: usize = of_second.iter().map(both).sum();
-        let points = |of: &[usize]| of.iter().map(|&i| found[i].at).collect();
-        is_many(together, first.len() + second.len())
-            .then(|| Self { sides: [points(&first), points(&second)] })
+/// Whether the points `found` move in two ways: a second motion has its share (`track.max_rival`) of those of known depth that agree with
+/// either. Of a keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its old keyframes move
+/// against those of the new ones, but each keyframe's stay together.
+///
+/// The matches have the information that they were found with; the pose in the `view` is the refined one.
+pub(crate) fn has_two_motions(map: &LocalMap, view: &View, found: &[Matched], params: &Params) -> bool {
+    // What has no known depth agrees with many motions, or with a wrong one.
+    let found: Vec<&Matched> = found.iter().filter(|m| map.point(m.at).is_known()).collect();
+    let points: Vec<SeenPoint> =
+        found.iter().map(|m| world_point(map, &view.camera_from_world, &view.motion, m)).collect();
+    let motions = Motions { camera: &map.camera, points: &points };
+    let all: Vec<usize> = (0..points.len()).collect();
+    let (least, few) = (params.track.max_rival, params.keyframes.min_matched);
+    let is_many = |count: usize, of: usize| count >= few && count as f32 >= least * of as f32;
+    let [_, rest] = motions.split(&all, &view.camera_from_world);
+    if !is_many(rest.len(), points.len()) {
+        return false;
     }
-
-    /// Whether most of both sides agree with one pose again.
-    pub fn is_over(&self, matched: &[Matched]) -> bool {
-        let agrees: BTreeSet<PointRef> = matched.iter().filter(|m| m.inlier).map(|m| m.at).collect();
-        self.sides.iter().all(|side| 2 * side.intersection(&agrees).count() > side.len())
+    let [first, second] = motions.two(&all, &view.camera_from_world);
+    if (second.len() as f32) < EXPLAINED * (points.len() - first.len()) as f32 {
+        return false;
     }
+    let (of_first, of_second) = (by_host(&found, &first), by_host(&found, &second));
+    let both = |(host, count): (&usize, &usize)| (*count).min(of_first.get(host).copied().unwrap_or(0));
+    let together: usize = of_second.iter().map(both).sum();
+    is_many(together, first.len() + second.len())
 }
 
 /// How many of the matches `of` lie in each keyframe.

@@ -9,7 +9,6 @@ use crate::agent::LossReason;
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::LocalMap;
 use crate::params::Params;
-use crate::rival::Rival;
 use crate::rotation_prior::RotationPrior;
 use crate::track::{self, Near, View};
 use crate::wide;
@@ -69,8 +68,10 @@ pub(crate) struct Tracker {
     share: f32,
     /// Why the frame that was lost last is lost.
     loss: LossReason,
-    /// The two motions that ended tracking, until their points move as one again.
-    rival: Option<Rival>,
+    /// Whether there were two motions in the newest tracked frame.
+    had_two_motions: bool,
+    /// Whether tracking ended because a part of the map moved. It is not found again by motion: only a claim tells what stands still.
+    saw_two_motions: bool,
 }
 
 impl Tracker {
@@ -101,7 +102,8 @@ impl Tracker {
             rotation_prior: None,
             share: 0.0,
             loss: LossReason::default(),
-            rival: None,
+            had_two_motions: false,
+            saw_two_motions: false,
         }
     }
 
@@ -126,9 +128,20 @@ impl Tracker {
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (time, mean_motion) = (self.time, self.mean_motion);
         let (lost, rotation_prior, share) = (self.lost, self.rotation_prior.take(), self.share);
-        let (loss, rival) = (self.loss, self.rival.take());
+        let (loss, had_two_motions, saw_two_motions) =
+            (self.loss, self.had_two_motions, self.saw_two_motions);
         let fresh = Self::new(map, reference, self.last, self.velocity, params);
-        *self = Self { time, mean_motion, lost, rotation_prior, share, loss, rival, ..fresh };
+        *self = Self {
+            time,
+            mean_motion,
+            lost,
+            rotation_prior,
+            share,
+            loss,
+            had_two_motions,
+            saw_two_motions,
+            ..fresh
+        };
     }
 
     /// Continues in a map in which keyframes have moved. `last` is the newest frame's pose there, and `factor` the
@@ -163,8 +176,8 @@ impl Tracker {
         let is_one = self.is_one_motion(&located);
         if !is_there || !is_one || self.drops(&located, params) {
             let places = places?;
-            if is_there && located.rival.is_some() {
-                self.rival = self.rival.take().or(located.rival);
+            if is_there && self.is_split(&located) {
+                self.saw_two_motions = true;
                 return self.lose(LossReason::TwoMotions);
             }
             if let Some(found) = self.search_widely(map, pyramid, timestamp, params) {
@@ -177,11 +190,14 @@ impl Tracker {
                 located = found;
             } else if !is_there || !is_one {
                 let agrees = located.inliers >= params.keyframes.min_matched;
-                return self.lose(match self.rival {
-                    Some(_) => LossReason::TwoMotions,
-                    None if agrees && !located.carries_scale(params) => LossReason::Scale,
-                    None => LossReason::NotFound,
-                });
+                let reason = if self.saw_two_motions {
+                    LossReason::TwoMotions
+                } else if agrees && !located.carries_scale(params) {
+                    LossReason::Scale
+                } else {
+                    LossReason::NotFound
+                };
+                return self.lose(reason);
             }
         }
         Some(self.follow(map, located, pyramid, timestamp))
@@ -195,10 +211,14 @@ impl Tracker {
         None
     }
 
-    /// Whether what was mapped moves as one, and did so since the last frame that has a pose.
+    /// Whether what was mapped moves in two ways, as in the frame before: a jolt is over by then.
+    fn is_split(&self, located: &Located) -> bool {
+        located.has_two_motions && (self.lost > 0 || self.had_two_motions)
+    }
+
+    /// Whether what was mapped moves as one, and always did: a pose that both sides agree with may be one between them.
     fn is_one_motion(&self, located: &Located) -> bool {
-        let is_over = |rival: &Rival| rival.is_over(&located.matched);
-        located.rival.is_none() && self.rival.as_ref().is_none_or(is_over)
+        !self.saw_two_motions && !self.is_split(located)
     }
 
     /// Finds a frame around a pose that was proposed elsewhere, as strictly as after a loss.
@@ -224,7 +244,7 @@ impl Tracker {
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         self.lost = 0;
-        self.rival = None;
+        (self.had_two_motions, self.saw_two_motions) = (located.has_two_motions, false);
         self.mean_motion = (located.mean_motion, self.time.map_or(0.0, |before| timestamp - before));
         self.time = Some(timestamp);
         self.last = located.camera_from_world;
@@ -339,7 +359,7 @@ impl Tracker {
 
     /// Whether something that was mapped moved in the frames that were lost last.
     pub fn saw_two_motions(&self) -> bool {
-        self.rival.is_some()
+        self.saw_two_motions
     }
 
     /// Frames in a row that were not found.

@@ -199,7 +199,10 @@ fn best_correlation(own: &Surface, layer: Layer, cell: usize, patch: &[f32], rad
         let mut sums = Sums::default();
         for y in 0..size {
             let there = &patch[(y + sy) * side + sx..][..size + LANES];
-            rows(y).iter().zip(there.windows(LANES)).for_each(|(a, b)| sums.add(*a, b.first_chunk().expect("as wide")));
+            rows(y)
+                .iter()
+                .zip(there.windows(LANES))
+                .for_each(|(a, b)| sums.add(*a, b.first_chunk().expect("as wide")));
         }
         let of_shift = |lane: usize| {
             (sums.count[lane] >= MIN_SHARE * (size * size) as f32).then(|| sums.correlation(lane))
