@@ -176,7 +176,7 @@ impl Tracker {
         let is_one = self.is_one_motion(&located);
         if !is_there || !is_one || self.drops(&located, params) {
             let places = places?;
-            if is_there && self.is_split(&located) {
+            if is_there && self.lost == 0 && self.is_split(&located) {
                 self.saw_two_motions = true;
                 return self.lose(LossReason::TwoMotions);
             }
@@ -211,7 +211,8 @@ impl Tracker {
         None
     }
 
-    /// Whether what was mapped moves in two ways, as in the frame before: a jolt is over by then.
+    /// Whether what was mapped moves in two ways, as in the frame before: a jolt is over by then. After a loss one frame is enough to be
+    /// searched further.
     fn is_split(&self, located: &Located) -> bool {
         located.has_two_motions && (self.lost > 0 || self.had_two_motions)
     }
