@@ -37,7 +37,11 @@ fn a_camera_uncovered_in_a_double_makes_a_map_of_its_own() {
         let case = Case::new(&recording);
         let outcome = case.run(&[]);
         outcome.assert_success();
-        outcome.assert_says(&["tracking goes on since frame 1", "in another map", "are in trajectory-2.txt"]);
+        outcome.assert_says(&[
+            "tracking goes on since frame 1",
+            "in another map",
+            "in trajectory-2.txt: a fragment",
+        ]);
         let halves = halves(&case.out());
         assert!(halves.contains(&0), "{halves:?}\n{outcome}");
     }
