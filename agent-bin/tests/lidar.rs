@@ -127,7 +127,7 @@ fn scans_become_maps_that_are_measured_viewed_exported_and_merged() {
 
 /// Between two halls a tunnel, of which a sensor that reaches 20 m sees neither end for a while.
 #[test]
-fn a_tunnel_is_said_to_be_guessed_and_strict_does_not_take_it() {
+fn a_tunnel_is_reported_as_guessed_and_strict_does_not_take_it() {
     let hall = Hall::new();
     let (boxes, corners) = tunnel(3, 60.0, Walls::Smooth, 10.0);
     let path = Carried::along(&corners, 5.0, Carrier::Wheels);

@@ -7,8 +7,8 @@
 mod rendered;
 
 use backend::verdict::PieceKind;
-use geometry::{GrayImage, Random};
 use loopbox_tests::doubles::{Kind, Version};
+use loopbox_tests::with_noise;
 use map::{KeyframeId, Map};
 use merge::further::FurtherParams;
 use merge::key_points::KeyPointParams;
@@ -71,13 +71,8 @@ fn shares(variable: &str, usual: &[f64]) -> Vec<f64> {
 fn map(kind: Kind, version: &Version, pass: u64, noise: f64) -> Map {
     let mut map = rendered::rendered_map(&kind.world(version), &kind.path(pass, KEYFRAMES));
     for (id, keyframe) in &mut map.keyframes {
-        let mut random = Random::new(1 + pass * 1000 + u64::from(id.0));
-        let noisy = keyframe.image.data().iter().map(|&v| {
-            let value = f64::from(v) + noise * random.normal();
-            value.round().clamp(0.0, 255.0) as u8
-        });
-        let (width, height) = (keyframe.image.width(), keyframe.image.height());
-        keyframe.image = Arc::new(GrayImage::from_vec(width, height, noisy.collect()).unwrap());
+        let seed = 1 + pass * 1000 + u64::from(id.0);
+        keyframe.image = Arc::new(with_noise(&keyframe.image, noise, seed));
     }
     map
 }

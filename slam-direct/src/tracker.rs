@@ -66,12 +66,10 @@ pub(crate) struct Tracker {
     rotation_prior: Option<RotationPrior>,
     /// Share of the searched points that agreed in it.
     share: f32,
-    /// Why the frame that was lost last is lost.
+    /// Why frames have been lost since the newest tracked one.
     loss: LossReason,
     /// Whether there were two motions in the newest tracked frame.
     had_two_motions: bool,
-    /// Whether tracking ended because a part of the map moved. It is not found again by motion: only a claim tells what stands still.
-    saw_two_motions: bool,
 }
 
 impl Tracker {
@@ -103,7 +101,6 @@ impl Tracker {
             share: 0.0,
             loss: LossReason::default(),
             had_two_motions: false,
-            saw_two_motions: false,
         }
     }
 
@@ -128,20 +125,9 @@ impl Tracker {
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (time, mean_motion) = (self.time, self.mean_motion);
         let (lost, rotation_prior, share) = (self.lost, self.rotation_prior.take(), self.share);
-        let (loss, had_two_motions, saw_two_motions) =
-            (self.loss, self.had_two_motions, self.saw_two_motions);
+        let (loss, had_two_motions) = (self.loss, self.had_two_motions);
         let fresh = Self::new(map, reference, self.last, self.velocity, params);
-        *self = Self {
-            time,
-            mean_motion,
-            lost,
-            rotation_prior,
-            share,
-            loss,
-            had_two_motions,
-            saw_two_motions,
-            ..fresh
-        };
+        *self = Self { time, mean_motion, lost, rotation_prior, share, loss, had_two_motions, ..fresh };
     }
 
     /// Continues in a map in which keyframes have moved. `last` is the newest frame's pose there, and `factor` the
@@ -177,7 +163,6 @@ impl Tracker {
         if !is_there || !is_one || self.drops(&located, params) {
             let places = places?;
             if is_there && self.lost == 0 && self.is_split(&located) {
-                self.saw_two_motions = true;
                 return self.lose(LossReason::TwoMotions);
             }
             if let Some(found) = self.search_widely(map, pyramid, timestamp, params) {
@@ -190,7 +175,7 @@ impl Tracker {
                 located = found;
             } else if !is_there || !is_one {
                 let agrees = located.inliers >= params.keyframes.min_matched;
-                let reason = if self.saw_two_motions {
+                let reason = if self.saw_two_motions() {
                     LossReason::TwoMotions
                 } else if agrees && !located.carries_scale(params) {
                     LossReason::Scale
@@ -219,7 +204,7 @@ impl Tracker {
 
     /// Whether what was mapped moves as one, and always did: a pose that both sides agree with may be one between them.
     fn is_one_motion(&self, located: &Located) -> bool {
-        !self.saw_two_motions && !self.is_split(located)
+        !self.saw_two_motions() && !self.is_split(located)
     }
 
     /// Finds a frame around a pose that was proposed elsewhere, as strictly as after a loss.
@@ -245,7 +230,8 @@ impl Tracker {
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         self.lost = 0;
-        (self.had_two_motions, self.saw_two_motions) = (located.has_two_motions, false);
+        self.loss = LossReason::default();
+        self.had_two_motions = located.has_two_motions;
         self.mean_motion = (located.mean_motion, self.time.map_or(0.0, |before| timestamp - before));
         self.time = Some(timestamp);
         self.last = located.camera_from_world;
@@ -358,9 +344,9 @@ impl Tracker {
         self.loss
     }
 
-    /// Whether something that was mapped moved in the frames that were lost last.
+    /// Whether tracking ended because a part of the map moved. It is not found again by motion: only a claim tells what stands still.
     pub fn saw_two_motions(&self) -> bool {
-        self.saw_two_motions
+        self.lost > 0 && self.loss == LossReason::TwoMotions
     }
 
     /// Frames in a row that were not found.

@@ -61,6 +61,14 @@ impl Default for OdometryParams {
     }
 }
 
+impl OdometryParams {
+    /// Edge of the smallest voxels of a map whose first sweep has these points, metres.
+    pub fn voxel_for(&self, points: &[[f32; 3]]) -> f32 {
+        let (least, most) = self.voxel_bounds;
+        (median_range(points) * self.voxel_of_range).clamp(least, most.max(least))
+    }
+}
+
 /// A sweep's pose, with its instant and its evidence.
 #[derive(Clone, Copy, Debug)]
 pub struct TrackedSweep {
@@ -195,9 +203,7 @@ impl Odometry {
     fn begin(&mut self, sweep: &Sweep) -> Registration {
         let motion = SweepMotion::resting(Se3::identity());
         if self.params.voxel_of_range > 0.0 {
-            let (least, most) = self.params.voxel_bounds;
-            let range = median_range(&sweep.points);
-            self.params.surfaces.voxel = (range * self.params.voxel_of_range).clamp(least, most.max(least));
+            self.params.surfaces.voxel = self.params.voxel_for(&sweep.points);
             self.map = SurfaceMap::new(self.params.surfaces);
         }
         self.insert(sweep, &motion);

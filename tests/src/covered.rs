@@ -1,8 +1,8 @@
 //! Recordings of a camera that is covered while it passes a place, and uncovered there or in a double of the place.
 
 use crate::doubles::{Kind, Version};
-use crate::{Recording, Shot, World};
-use geometry::{GrayImage, Random, Se3};
+use crate::{Recording, Shot, World, with_noise};
+use geometry::{GrayImage, Se3};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -69,12 +69,8 @@ pub fn covered(kind: Kind, seed: u64, uncovered: Uncovered, grain: f32) -> Recor
 fn noisy(world: &World, path: &[Se3], seed: u64) -> Vec<Shot> {
     let mut shots = Recording::render(world, Recording::SMALL_CAMERA, path, RATE).shots;
     shots.par_iter_mut().enumerate().for_each(|(i, shot)| {
-        let mut random = Random::new(seed.wrapping_mul(0x2545_f491).wrapping_add(i as u64));
-        let mut image = shot.image.as_ref().clone();
-        for pixel in image.data_mut() {
-            *pixel = (f64::from(*pixel) + NOISE * random.normal()).round().clamp(0.0, 255.0) as u8;
-        }
-        shot.image = Arc::new(image);
+        let seed = seed.wrapping_mul(0x2545_f491).wrapping_add(i as u64);
+        shot.image = Arc::new(with_noise(&shot.image, NOISE, seed));
     });
     shots
 }

@@ -27,6 +27,6 @@ pub mod trajectory;
 mod world;
 
 pub use recording::{Encoding, Recording, Shot};
-pub use render::render;
+pub use render::{render, with_noise};
 pub use texture::{Grain, Texture};
 pub use world::{Cuboid, RING, World, world_from_hall};

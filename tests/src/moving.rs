@@ -1,7 +1,7 @@
 //! Recordings in which something moves before the camera: a board that is carried past, a person, a lorry, a lorry that drives off.
 
-use crate::{Cuboid, Recording, Shot, Texture, World, render, trajectory};
-use geometry::{GrayImage, Random, Se3};
+use crate::{Cuboid, Recording, Shot, Texture, World, render, trajectory, with_noise};
+use geometry::{Random, Se3};
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -59,7 +59,7 @@ pub fn moving(mover: Mover, coverage: f64, seed: u64) -> Moving {
         let shot = Shot {
             timestamp: i as f64 / RATE,
             world_from_camera: *pose,
-            image: Arc::new(noisy(seen, seed.wrapping_mul(0x2545_f491).wrapping_add(i as u64))),
+            image: Arc::new(with_noise(&seen, NOISE, seed.wrapping_mul(0x2545_f491).wrapping_add(i as u64))),
         };
         (shot, other as f64 / still.data().len() as f64)
     };
@@ -188,14 +188,6 @@ fn with(world: &World, part: &Part, frame: usize) -> World {
     };
     let boxes = part.boxes(frame).into_iter().enumerate().map(cuboid);
     World { cuboids: world.cuboids.iter().copied().chain(boxes).collect(), textures }
-}
-
-fn noisy(mut image: GrayImage, seed: u64) -> GrayImage {
-    let mut random = Random::new(seed);
-    for pixel in image.data_mut() {
-        *pixel = (f64::from(*pixel) + NOISE * random.normal()).round().clamp(0.0, 255.0) as u8;
-    }
-    image
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use crate::world::FACE_SHIFT;
 use crate::{Cuboid, World};
-use geometry::{GrayImage, Image, Pinhole, Se3};
+use geometry::{GrayImage, Image, Pinhole, Random, Se3};
 use nalgebra::{Matrix3, Vector3};
 
 /// Side of the square of pixels that shares one list of boxes.
@@ -54,6 +54,16 @@ pub fn render(world: &World, camera: &Pinhole, world_from_camera: &Se3) -> (Gray
     let data = intensity.data().iter().map(|&v| (v + 0.5) as u8).collect();
     let image = GrayImage::from_vec(width, height, data).expect("one value per pixel");
     (image, inverse_depth)
+}
+
+/// An image with normally distributed noise of this standard deviation, grey levels; another seed gives other noise.
+pub fn with_noise(image: &GrayImage, deviation: f64, seed: u64) -> GrayImage {
+    let mut random = Random::new(seed);
+    let mut noisy = image.clone();
+    for pixel in noisy.data_mut() {
+        *pixel = (f64::from(*pixel) + deviation * random.normal()).round().clamp(0.0, 255.0) as u8;
+    }
+    noisy
 }
 
 fn for_each_tile(width: usize, height: usize, mut work: impl FnMut(usize, usize)) {

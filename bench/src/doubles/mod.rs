@@ -14,8 +14,9 @@ pub use report::{section, wrong};
 use crate::merging::Program;
 use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result, bail};
-use geometry::{GrayImage, Random, Sim3};
+use geometry::Sim3;
 use loopbox_tests::doubles::{Kind, Version};
+use loopbox_tests::with_noise;
 use map::save_map;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
@@ -133,14 +134,8 @@ fn of_place(plan: &Plan, kind: Kind, grain: f32, number: u64) -> Result<Vec<Pair
 fn map(kind: Kind, version: &Version, pass: u64, file: &Path) -> Result<PathBuf> {
     let mut map = rendered::rendered_map(&kind.world(version), &kind.path(pass, KEYFRAMES));
     for (id, keyframe) in &mut map.keyframes {
-        let mut random = Random::new(1 + pass * 1000 + u64::from(id.0));
-        let noisy = keyframe.image.data().iter().map(|&v| {
-            let value = f64::from(v) + NOISE * random.normal();
-            value.round().clamp(0.0, 255.0) as u8
-        });
-        let (width, height) = (keyframe.image.width(), keyframe.image.height());
-        let image = GrayImage::from_vec(width, height, noisy.collect());
-        keyframe.image = Arc::new(image.context("an image has no pixels")?);
+        let seed = 1 + pass * 1000 + u64::from(id.0);
+        keyframe.image = Arc::new(with_noise(&keyframe.image, NOISE, seed));
     }
     if let Some(folder) = file.parent() {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;

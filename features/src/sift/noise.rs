@@ -1,6 +1,6 @@
 //! How much of the differences of Gaussians is noise.
 
-use geometry::Image;
+use geometry::{Image, median};
 
 /// Side of a tile, pixels of the first octave: some fifty of its pixels are independent of each other.
 const TILE: usize = 32;
@@ -25,9 +25,9 @@ pub fn deviation(octaves: &[Vec<Image<f32>>]) -> f32 {
     let Some(finest) = octaves.first().and_then(|differences| differences.get(1)) else { return ROUNDING };
     let (columns, rows) = (finest.width() / TILE, finest.height() / TILE);
     let corners = (0..rows).flat_map(|row| (0..columns).map(move |column| (column * TILE, row * TILE)));
-    let mut medians: Vec<f32> = corners.map(|(x, y)| median(finest, x, y, TILE, TILE)).collect();
+    let mut medians: Vec<f32> = corners.map(|(x, y)| median_size(finest, x, y, TILE, TILE)).collect();
     if medians.is_empty() {
-        medians.push(median(finest, 0, 0, finest.width(), finest.height()));
+        medians.push(median_size(finest, 0, 0, finest.width(), finest.height()));
     }
     let quiet = (medians.len() - 1) / (LESS_QUIET + 1);
     let (_, quiet, _) = medians.select_nth_unstable_by(quiet, f32::total_cmp);
@@ -35,9 +35,8 @@ pub fn deviation(octaves: &[Vec<Image<f32>>]) -> f32 {
 }
 
 /// The median of the absolute values in a part of an image.
-fn median(image: &Image<f32>, x: usize, y: usize, width: usize, height: usize) -> f32 {
+fn median_size(image: &Image<f32>, x: usize, y: usize, width: usize, height: usize) -> f32 {
     let rows = (y..y + height).map(|y| &image.row(y)[x..x + width]);
     let mut sizes: Vec<f32> = rows.flatten().map(|value| value.abs()).collect();
-    let middle = sizes.len() / 2;
-    *sizes.select_nth_unstable_by(middle, f32::total_cmp).1
+    median(&mut sizes).unwrap_or_default()
 }

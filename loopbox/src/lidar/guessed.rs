@@ -60,9 +60,14 @@ impl GuessedRow {
     }
 }
 
+/// Metres of the path that are guessed, in all.
+pub fn metres(guessed: &[GuessedRow]) -> f64 {
+    guessed.iter().map(|row| row.metres).sum()
+}
+
 /// What to say of a run of which a part is guessed; nothing of others.
 pub fn doubtful(guessed: &[GuessedRow]) -> Option<String> {
-    let metres: f64 = guessed.iter().map(|row| row.metres).sum();
+    let metres = metres(guessed);
     let mut parts: Vec<String> = guessed.iter().take(NAMED).map(GuessedRow::text).collect();
     if let Some(more) = guessed.len().checked_sub(NAMED).filter(|more| *more > 0) {
         parts.push(format!("and {more} more"));

@@ -1,6 +1,6 @@
 //! The numbers of a LiDAR agent's run: what `run.json` holds and the report shows.
 
-use super::guessed::GuessedRow;
+use super::guessed::{GuessedRow, metres};
 use super::mapper::MappedScan;
 use map::{Map, SensorKind};
 use scans::ScanInfo;
@@ -158,8 +158,8 @@ pub struct MapCounts {
 }
 
 impl MapCounts {
-    /// Those of a map and the agent that made it.
-    pub fn of(map: &Map, agent: &Agent) -> Self {
+    /// Those of a map, the agent that made it, and the stretches of its path that are guessed.
+    pub fn of(map: &Map, agent: &Agent, guessed: &[GuessedRow]) -> Self {
         let scans = map.keyframes.values().filter_map(|keyframe| keyframe.scan.as_ref());
         let (smoothed, tracked) = (agent.trajectory(), agent.odometry());
         let ends = smoothed.last().zip(tracked.last());
@@ -168,7 +168,7 @@ impl MapCounts {
             points: scans.map(|scan| scan.len()).sum(),
             path_m: map.summary(None).path_length,
             corrected_m: ends.map_or(0.0, |((_, a), (_, b))| (a.translation - b.translation).norm()),
-            guessed_m: 0.0,
+            guessed_m: metres(guessed),
         }
     }
 }

@@ -141,7 +141,6 @@ pub fn run(
     let stale = (scans.stale_points > 0)
         .then(|| format!("{} points were left out, whose times are not of their sweep", scans.stale_points));
     let guessed = GuessedRow::of(&rows);
-    let guessed_m = guessed.iter().map(|row| row.metres).sum();
     let warnings = ranges.warning(farthest).into_iter().chain(too_few_scans(&scans)).chain(stale);
     let warnings = warnings.chain(doubtful(&guessed));
     let record = LidarRecord {
@@ -156,7 +155,7 @@ pub fn run(
         interrupted,
         scans,
         cost,
-        map: MapCounts { guessed_m, ..MapCounts::of(map, &agent) },
+        map: MapCounts::of(map, &agent, &guessed),
         guessed,
         fragments: maps.iter().map(FragmentRow::of).collect(),
         loops: agent.loops().iter().map(LoopRow::of).collect(),

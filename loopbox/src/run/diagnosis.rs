@@ -277,7 +277,7 @@ mod tests {
     }
 
     #[test]
-    fn losses_are_told_with_their_causes() {
+    fn losses_are_reported_with_their_causes() {
         let diagnosed = |losses, losses_of_scale, losses_of_motion| {
             FrameCounts { losses, losses_of_scale, losses_of_motion, ..FrameCounts::default() }.losses_text()
         };

@@ -21,7 +21,7 @@ pub fn run(arguments: &[String]) -> Result<(), Failure> {
     let wanted: Vec<&str> = arguments.get(1).map_or(vec![""], |words| words.split('|').collect());
     println!(
         "| drive | scans with a pose | path m | ATE m | most off m | by odometry | losses | loops | of these wrong | refused by drift, \
-         of these right | by rivals, right | open m | of these said | said beside | guessed m | may err m |"
+         of these right | by rivals, right | open m | of these reported | reported elsewhere | guessed m | may err m |"
     );
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|");
     for drive in drives(lot).into_iter().chain(returns(lot)) {
@@ -36,24 +36,24 @@ pub fn run(arguments: &[String]) -> Result<(), Failure> {
 /// Metres of a drive whose scans do not tell the motion.
 #[derive(Default)]
 struct Metres {
-    /// Open by the true normals, and of these said to be guessed.
+    /// Open by the true normals, and of these reported as guessed.
     open: [f64; 2],
-    /// Said and not open.
-    beside: f64,
+    /// Reported as guessed and not open.
+    elsewhere: f64,
     /// As the odometry counts them, and what they may err by.
     guessed: (f64, f64),
 }
 
 impl Metres {
     fn add(&mut self, open: Option<Vector3<f64>>, step: &Vector3<f64>, guess: &Guess) {
-        let is_said = guess.directions > 0;
+        let is_reported = guess.directions > 0;
         match open {
             Some(axis) => {
                 let metres = step.dot(&axis).abs();
                 self.open[0] += metres;
-                self.open[1] += if is_said { metres } else { 0.0 };
+                self.open[1] += if is_reported { metres } else { 0.0 };
             }
-            None => self.beside += if is_said { step.norm() } else { 0.0 },
+            None => self.elsewhere += if is_reported { step.norm() } else { 0.0 },
         }
         self.guessed = (self.guessed.0 + guess.metres, self.guessed.1.max(guess.deviation));
     }
@@ -130,7 +130,7 @@ fn one(drive: &Drive) -> Result<String, Failure> {
         refused(LoopTest::Rivals),
         metres.open[0],
         metres.open[1],
-        metres.beside,
+        metres.elsewhere,
         metres.guessed.0,
         metres.guessed.1,
     ))

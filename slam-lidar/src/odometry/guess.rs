@@ -23,9 +23,9 @@ pub struct Guess {
     pub covariance: Matrix3<f64>,
 }
 
-/// Standard deviation above which a pose is said to be guessed, metres: the error up to which maps of buildings count as right.
+/// Standard deviation above which a pose is reported as guessed, metres: the error up to which maps of buildings count as right.
 const DOUBTFUL: f64 = 0.15;
-/// What is said to be guessed is so until all is known to this share of [`WEAK_TRANSLATION`], or to all of it for so many seconds: normals
+/// What is reported as guessed is so until all is known to this share of [`WEAK_TRANSLATION`], or to all of it for so many seconds: normals
 /// that lean by more than is expected of them claim to know a tunnel's axis for single sweeps.
 const DETERMINED: (f64, f64) = (0.5, 1.0);
 
@@ -34,25 +34,25 @@ const DETERMINED: (f64, f64) = (0.5, 1.0);
 pub(super) struct Guessing {
     /// What the pose may err by, standard deviation, metres.
     deviation: f64,
-    /// Of that, what was said.
-    said: f64,
-    /// Metres that were not said yet.
+    /// Of that, what was reported.
+    reported: f64,
+    /// Metres that were not reported yet.
     metres: f64,
     /// Seconds for which no direction was known worse than [`WEAK_TRANSLATION`].
     known: f64,
-    /// How far the velocity would have led beyond what was found while nothing was said, metres, in the axes of the world.
+    /// How far the velocity would have led beyond what was found while nothing was reported, metres, in the axes of the world.
     behind: Vector3<f64>,
     /// Whether all of the motion was determined once, so that there is a velocity to keep.
     has_velocity: bool,
-    /// Whether voxels' ends are asked nothing: from where what is guessed was said, until a sweep tells its place so well that they hardly
+    /// Whether voxels' ends are asked nothing: from where what is guessed was reported, until a sweep tells its place so well that they hardly
     /// count. Behind a tunnel they hold a sensor back that sees the end of it.
     is_wary: bool,
 }
 
 impl Guessing {
-    /// Whether what is guessed is said.
-    fn is_said(&self) -> bool {
-        self.said > 0.0
+    /// Whether what is guessed is reported.
+    fn is_reported(&self) -> bool {
+        self.reported > 0.0
     }
 
     /// Which axes of voxels are asked.
@@ -62,19 +62,19 @@ impl Guessing {
 
     /// Whether the sensor is taken to keep its velocity.
     fn is_carried(&self) -> bool {
-        self.is_said() && self.has_velocity
+        self.is_reported() && self.has_velocity
     }
 
     /// Directions of the translation, unit vectors in the axes of the world, that points with this information leave open.
     fn open(&self, information: &Matrix6<f64>) -> Vec<Vector3<f64>> {
         let (deviations, vectors) = translations(information);
-        let is_strict = self.is_said() && self.known < DETERMINED.1;
+        let is_strict = self.is_reported() && self.known < DETERMINED.1;
         let bound = WEAK_TRANSLATION * if is_strict { DETERMINED.0 } else { 1.0 };
         (0..3).filter(|&k| deviations[k] > bound).map(|k| vectors.column(k).into_owned()).collect()
     }
 
     /// After a sweep of which `metres` along `open` are guessed, where the velocity led `missed` beyond what was found and may err by
-    /// `deviation`; what is to be said of it. Nothing is while the sweep tells where in the map it is to less than what maps may err by.
+    /// `deviation`; what is to be reported of it. Nothing is while the sweep tells where in the map it is to less than what maps may err by.
     fn next(&mut self, open: &[Vector3<f64>], guessed: Guessed) -> Guess {
         if open.is_empty() {
             *self = Self { known: self.known, is_wary: self.is_wary, has_velocity: true, ..Self::default() };
@@ -84,7 +84,7 @@ impl Guessing {
         self.deviation += guessed.deviation;
         self.metres += guessed.metres;
         self.behind += guessed.missed;
-        if self.is_said() {
+        if self.is_reported() {
             self.behind = Vector3::zeros();
         } else if guessed.found < self.deviation {
             (self.deviation, self.metres, self.behind) = (guessed.found, 0.0, Vector3::zeros());
@@ -92,8 +92,8 @@ impl Guessing {
         if self.deviation <= DOUBTFUL {
             return Guess::default();
         }
-        let added = self.deviation.powi(2) - self.said.powi(2);
-        self.said = self.deviation;
+        let added = self.deviation.powi(2) - self.reported.powi(2);
+        self.reported = self.deviation;
         Guess {
             directions: open.len(),
             metres: std::mem::take(&mut self.metres),
@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn guesses_are_said_once_they_may_err_by_more_than_maps_may() {
+    fn guesses_are_reported_once_they_may_err_by_more_than_maps_may() {
         let (x, mut guessing) = ([Vector3::x()], Guessing::default());
         // Single ones, as where a map has just begun, are no guess.
         for open in [&x[..], &x[..], &[], &x[..], &x[..]] {
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_said_to_be_guessed_is_so_until_it_is_known_well() {
+    fn what_is_reported_as_guessed_is_so_until_it_is_known_well() {
         let known_to = |deviation: f64| {
             let mut information = Matrix6::identity() * 1e6;
             information[(0, 0)] = deviation.powi(-2);
