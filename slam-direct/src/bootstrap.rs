@@ -8,6 +8,7 @@ mod again;
 mod finish;
 mod follow;
 mod pure_rotation;
+mod rival;
 mod solve;
 
 use crate::local_map::LocalMap;
@@ -18,7 +19,8 @@ use backend::params;
 use follow::Track;
 use geometry::sensor::Sensor;
 use geometry::{Pinhole, Pyramid, Se3};
-use solve::acceptable;
+use rival::has_two_motions;
+use solve::{Solution, acceptable};
 
 pub(crate) use pure_rotation::Turned;
 
@@ -94,6 +96,8 @@ pub(crate) enum SecondLook {
     Over,
     /// That it is wrong, and what is right.
     Contradicted(Box<Started>),
+    /// That its points move in two ways.
+    TwoMotions,
 }
 
 /// The first map.
@@ -102,6 +106,9 @@ pub(crate) struct Started {
     /// `(timestamp, frame index, frame_from_first)` of the frames after the first, the last one included.
     pub frames: Vec<(f64, u64, Se3)>,
 }
+
+/// Why there is no map of points that move in two ways.
+pub(crate) const TWO_MOTIONS: &str = "something moves in the view, and nothing tells what stands still";
 
 /// Points without which there is no first map.
 const MIN_POINTS: usize = 60;
@@ -133,7 +140,7 @@ impl Bootstrap {
     /// Follows the points into a frame and tries for a map when they have moved enough.
     pub fn add(&mut self, pyramid: &Pyramid, timestamp: f64, frame_index: u64, params: &Params) -> Progress {
         let count = self.follow_into(pyramid, timestamp, frame_index, &params.track);
-        let readout_sigma = params.mapping.readout_sigma;
+        let all_params = params;
         let params = &params.bootstrap;
         if (count as f32) < params.min_followed * self.tracks.len() as f32 || count < MIN_POINTS {
             return Progress::Restart("the view changed before the first map was made");
@@ -145,9 +152,15 @@ impl Bootstrap {
             }
             return Progress::Waiting("waiting for the camera to move sideways");
         }
-        let solution = self.solve(&pure_rotation, readout_sigma);
+        let solution = self.solve(&pure_rotation, all_params.mapping.readout_sigma);
         let solution = solution.filter(|solution| acceptable(&solution.problem, params));
+        let is_split =
+            |solution: &Solution| has_two_motions(solution, &self.initial_poses(&pure_rotation), all_params);
         match solution {
+            Some(solution) if is_split(&solution) => match self.is_over(params) {
+                true => Progress::Restart(TWO_MOTIONS),
+                false => Progress::Waiting(TWO_MOTIONS),
+            },
             Some(solution) => {
                 self.looked = parallax;
                 self.sensor = solution.sensor;

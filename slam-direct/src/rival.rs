@@ -19,32 +19,53 @@ const ROUNDS: usize = 3;
 /// bends the rows of an image whose shutter is not known yet, a second pose fits 0.42 to 0.57 of what is bent.
 const EXPLAINED: f32 = 0.65;
 
-/// Whether the points `found` move in two ways: a second motion has its share (`track.max_rival`) of those of known depth that agree with
-/// either. Of a keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its old keyframes move
-/// against those of the new ones, but each keyframe's stay together.
+/// Share of the points of known depth that agree with a second motion in still surroundings: less in 99 of 100 frames.
+const STILL: f32 = 0.13;
+
+/// The share of the points `found`, of those of known depth that agree with either of two motions, that agree with the second; 0 where few do, or
+/// where it leaves much unexplained. Of a keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its
+/// old keyframes move against those of the new ones, but each keyframe's stay together.
 ///
 /// The matches have the information that they were found with; the pose in the `view` is the refined one.
-pub(crate) fn has_two_motions(map: &LocalMap, view: &View, found: &[Matched], params: &Params) -> bool {
+pub(crate) fn second_motion(map: &LocalMap, view: &View, found: &[Matched], params: &Params) -> f32 {
     // What has no known depth agrees with many motions, or with a wrong one.
     let found: Vec<&Matched> = found.iter().filter(|m| map.point(m.at).is_known()).collect();
     let points: Vec<SeenPoint> =
         found.iter().map(|m| world_point(map, &view.camera_from_world, &view.motion, m)).collect();
     let motions = Motions { camera: &map.camera, points: &points };
     let all: Vec<usize> = (0..points.len()).collect();
-    let (least, few) = (params.track.max_rival, params.keyframes.min_matched);
-    let is_many = |count: usize, of: usize| count >= few && count as f32 >= least * of as f32;
+    let few = params.keyframes.min_matched;
     let [_, rest] = motions.split(&all, &view.camera_from_world);
-    if !is_many(rest.len(), points.len()) {
-        return false;
+    if rest.len() < few || (rest.len() as f32) < STILL * points.len() as f32 {
+        return 0.0;
     }
     let [first, second] = motions.two(&all, &view.camera_from_world);
     if (second.len() as f32) < EXPLAINED * (points.len() - first.len()) as f32 {
-        return false;
+        return 0.0;
     }
     let (of_first, of_second) = (by_host(&found, &first), by_host(&found, &second));
     let both = |(host, count): (&usize, &usize)| (*count).min(of_first.get(host).copied().unwrap_or(0));
     let together: usize = of_second.iter().map(both).sum();
-    is_many(together, first.len() + second.len())
+    if together < few { 0.0 } else { together as f32 / (first.len() + second.len()) as f32 }
+}
+
+/// How much the frames so far say that a part of the map moves, by the shares that agreed with a second motion (cumulative sum: Page,
+/// *Continuous inspection schemes*, Biometrika 1954). It takes two frames of `max_rival`, for a jolt is over by then, or more of less: what gathers
+/// speed slowly has a share that hardly grows.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Evidence(f32);
+
+impl Evidence {
+    /// With the share of one more frame.
+    pub fn with(self, share: f32, max_rival: f32) -> Self {
+        Self((self.0 + share.min(max_rival) - STILL).max(0.0))
+    }
+
+    /// Whether it suffices.
+    pub fn is_enough(self, max_rival: f32) -> bool {
+        // Two equal summands are compared with their sum.
+        self.0 >= 1.999 * (max_rival - STILL).max(0.0)
+    }
 }
 
 /// How many of the matches `of` lie in each keyframe.
@@ -91,5 +112,23 @@ impl Motions<'_> {
         *second = self.fit(&rest, second);
         let [of_second, _] = self.split(&rest, second);
         [of_first, of_second]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn two_frames_with_a_second_motion_are_enough_one_is_not_and_weak_ones_add_up() {
+        let after = |shares: &[f32]| {
+            let all = shares.iter().fold(Evidence::default(), |evidence, share| evidence.with(*share, 0.2));
+            all.is_enough(0.2)
+        };
+        assert!(after(&[0.2, 0.2]) && after(&[0.02, 0.35, 0.25]));
+        assert!(!after(&[0.9]) && !after(&[0.24, 0.02]) && !after(&[0.12; 50]));
+        assert!(after(&[0.17, 0.19, 0.18]) && !after(&[0.17, 0.19]));
+        // What was is forgotten.
+        assert!(!after(&[0.2, 0.0, 0.2, 0.0, 0.2]));
     }
 }

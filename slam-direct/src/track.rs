@@ -44,8 +44,8 @@ params! {
         /// localises gets no pose: five of them are 1 % of the depth. In maps of hand-held recordings frames have
         /// 0.0016 at most; where the map ends and a hundredth of the depth is missed, 0.002 to 0.007. Range 1e-5–0.1.
         pub max_deviation: f32 = 0.002,
-        /// Share of the points found that agree with another motion than the camera's, from which the second frame in a row has no pose:
-        /// something that was mapped moves. Range 0.05–1: of still surroundings less than 0.13 in 99 of 100 frames, in single ones of a
+        /// Share of the points found that agree with another motion than the camera's, from which the second frame in a row has no pose, or a later
+        /// one where it is less: something that was mapped moves. Range 0.15–1: of still surroundings less than 0.13 in 99 of 100 frames, in single ones of a
         /// jolt 0.24; of a lorry over two fifths of the view that drives off 0.3.
         pub max_rival: f32 = 0.2,
     }

@@ -9,6 +9,7 @@ use crate::agent::LossReason;
 use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::LocalMap;
 use crate::params::Params;
+use crate::rival::Evidence;
 use crate::rotation_prior::RotationPrior;
 use crate::track::{self, Near, View};
 use crate::wide;
@@ -68,8 +69,8 @@ pub(crate) struct Tracker {
     share: f32,
     /// Why frames have been lost since the newest tracked one.
     loss: LossReason,
-    /// Whether there were two motions in the newest tracked frame.
-    had_two_motions: bool,
+    /// How much the frames up to the newest tracked one say that a part of the map moves.
+    second_motion: Evidence,
 }
 
 impl Tracker {
@@ -100,7 +101,7 @@ impl Tracker {
             rotation_prior: None,
             share: 0.0,
             loss: LossReason::default(),
-            had_two_motions: false,
+            second_motion: Evidence::default(),
         }
     }
 
@@ -125,9 +126,9 @@ impl Tracker {
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (time, mean_motion) = (self.time, self.mean_motion);
         let (lost, rotation_prior, share) = (self.lost, self.rotation_prior.take(), self.share);
-        let (loss, had_two_motions) = (self.loss, self.had_two_motions);
+        let (loss, second_motion) = (self.loss, self.second_motion);
         let fresh = Self::new(map, reference, self.last, self.velocity, params);
-        *self = Self { time, mean_motion, lost, rotation_prior, share, loss, had_two_motions, ..fresh };
+        *self = Self { time, mean_motion, lost, rotation_prior, share, loss, second_motion, ..fresh };
     }
 
     /// Continues in a map in which keyframes have moved. `last` is the newest frame's pose there, and `factor` the
@@ -159,16 +160,16 @@ impl Tracker {
         let motion = |pose: &Se3| self.motion_to(pose, timestamp, params);
         let mut located = locate(map, &self.near, &view, motion, aligned.brightness, self.reference, params);
         let is_there = if self.lost > 0 { located.is_found_again(params) } else { located.is_good(params) };
-        let is_one = self.is_one_motion(&located);
+        let is_one = self.is_one_motion(&located, params);
         if !is_there || !is_one || self.drops(&located, params) {
             let places = places?;
-            if is_there && self.lost == 0 && self.is_split(&located) {
+            if is_there && self.lost == 0 && self.is_split(&located, params) {
                 return self.lose(LossReason::TwoMotions);
             }
             if let Some(found) = self.search_widely(map, pyramid, timestamp, params) {
                 located = found;
             } else if let Some((reference, found)) = relocate(map, places, pyramid, self.reference, params)
-                && self.is_one_motion(&found)
+                && self.is_one_motion(&found, params)
             {
                 self.lost += 1;
                 self.refer_to(map, reference, params);
@@ -185,7 +186,7 @@ impl Tracker {
                 return self.lose(reason);
             }
         }
-        Some(self.follow(map, located, pyramid, timestamp))
+        Some(self.follow(map, located, pyramid, timestamp, params))
     }
 
     /// Notes that a frame was not found.
@@ -196,15 +197,15 @@ impl Tracker {
         None
     }
 
-    /// Whether what was mapped moves in two ways, as in the frame before: a jolt is over by then. After a loss one frame is enough to be
-    /// searched further.
-    fn is_split(&self, located: &Located) -> bool {
-        located.has_two_motions && (self.lost > 0 || self.had_two_motions)
+    /// Whether what was mapped moves in two ways, by this frame and those before it. After a loss one frame is enough to be searched further.
+    fn is_split(&self, located: &Located, params: &Params) -> bool {
+        let (share, most) = (located.second_motion, params.track.max_rival);
+        if self.lost > 0 { share >= most } else { self.second_motion.with(share, most).is_enough(most) }
     }
 
     /// Whether what was mapped moves as one, and always did: a pose that both sides agree with may be one between them.
-    fn is_one_motion(&self, located: &Located) -> bool {
-        !self.saw_two_motions() && !self.is_split(located)
+    fn is_one_motion(&self, located: &Located, params: &Params) -> bool {
+        !self.saw_two_motions() && !self.is_split(located, params)
     }
 
     /// Finds a frame around a pose that was proposed elsewhere, as strictly as after a loss.
@@ -217,11 +218,18 @@ impl Tracker {
         params: &Params,
     ) -> Option<Located> {
         let located = self.search_from(map, supposed, pyramid, timestamp, params)?;
-        Some(self.follow(map, located, pyramid, timestamp))
+        Some(self.follow(map, located, pyramid, timestamp, params))
     }
 
     /// Continues from a frame that was found.
-    fn follow(&mut self, map: &LocalMap, mut located: Located, pyramid: &Pyramid, timestamp: f64) -> Located {
+    fn follow(
+        &mut self,
+        map: &LocalMap,
+        mut located: Located,
+        pyramid: &Pyramid,
+        timestamp: f64,
+        params: &Params,
+    ) -> Located {
         located.mean_motion = self.mean_motion_to(&located.camera_from_world, timestamp);
         // Of a rolling shutter the rows have told it.
         if !map.sensor.is_rolling() {
@@ -229,9 +237,10 @@ impl Tracker {
         }
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
+        let before = if self.lost > 0 { Evidence::default() } else { self.second_motion };
+        self.second_motion = before.with(located.second_motion, params.track.max_rival);
         self.lost = 0;
         self.loss = LossReason::default();
-        self.had_two_motions = located.has_two_motions;
         self.mean_motion = (located.mean_motion, self.time.map_or(0.0, |before| timestamp - before));
         self.time = Some(timestamp);
         self.last = located.camera_from_world;
@@ -302,7 +311,10 @@ impl Tracker {
         let turned = rotation.map(|rotation| rotation * self.last);
         let starts = [Some(self.expected(timestamp)), Some(self.last), turned];
         let search = |start| self.search_from(map, start, pyramid, timestamp, params);
-        starts.iter().flatten().find_map(|start| search(start).filter(|found| self.is_one_motion(found)))
+        starts
+            .iter()
+            .flatten()
+            .find_map(|start| search(start).filter(|found| self.is_one_motion(found, params)))
     }
 
     /// Searches the frame's patches one by one around a pose.

@@ -2,7 +2,7 @@
 
 use super::mapper::MapQuality;
 use super::{Agent, FrameReport, State, TrackingState};
-use crate::bootstrap::{Bootstrap, Progress, SecondLook, Started};
+use crate::bootstrap::{Bootstrap, Progress, SecondLook, Started, TWO_MOTIONS};
 use crate::local_map::{Counts, LocalMap};
 use crate::publish;
 use crate::tracker::Tracker;
@@ -105,6 +105,7 @@ impl Agent {
                 self.provisional = Some(start);
                 Some(self.adopt(*started))
             }
+            SecondLook::TwoMotions => Some(self.begin_again(pyramid.clone(), timestamp, index, TWO_MOTIONS)),
         }
     }
 
@@ -209,7 +210,7 @@ impl Agent {
     }
 
     /// Gives up a map that proves wrong for this reason: it was begun before it was known that something moves with the camera, whose
-    /// points said that the camera stands still, or of a motion that was none. The frames so far are found in the map that comes of this
+    /// points said that the camera stands still, or of a motion that was none, or of two. The frames so far are found in the map that comes of this
     /// one.
     pub(super) fn begin_again(
         &mut self,

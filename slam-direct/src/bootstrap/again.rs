@@ -3,8 +3,9 @@
 //!
 //! The points of the start are followed further by themselves, so the result does not depend on the map.
 
-use super::solve::acceptable;
-use super::{Bootstrap, MIN_POINTS, SecondLook, Started};
+use super::rival::has_two_motions;
+use super::solve::{Solution, acceptable};
+use super::{Bootstrap, BootstrapParams, MIN_POINTS, SecondLook, Started};
 use crate::params::Params;
 use geometry::{Pyramid, Se3};
 
@@ -22,38 +23,51 @@ impl Bootstrap {
         if count < MIN_POINTS || self.is_over(&params.bootstrap) {
             return SecondLook::Over;
         }
-        match self.contradiction(pyramid, frame_from_first, params) {
-            Some(started) => SecondLook::Contradicted(Box::new(started)),
-            None => SecondLook::Nothing,
-        }
+        self.second_look(pyramid, frame_from_first, params).unwrap_or(SecondLook::Nothing)
     }
 
-    /// The first map as it is seen now, where it is another.
-    fn contradiction(
+    /// What the points say now that they have moved further than when they were looked at last.
+    fn second_look(
         &mut self,
         pyramid: &Pyramid,
         frame_from_first: &dyn Fn(u64) -> Option<Se3>,
         params: &Params,
-    ) -> Option<Started> {
-        let p = &params.bootstrap;
+    ) -> Option<SecondLook> {
         let (pure_rotation, parallax) = self.parallax();
-        if parallax < p.look_again * self.looked {
+        if parallax < params.bootstrap.look_again * self.looked {
             return None;
         }
         let indices = self.chosen().into_iter().map(|frame| self.frames[frame].frame_index);
         let poses: Vec<Se3> = indices.map(frame_from_first).collect::<Option<_>>()?;
         self.looked = parallax;
-        let solution = self.solve(&pure_rotation, params.mapping.readout_sigma);
-        let solution = solution.filter(|solution| acceptable(&solution.problem, p))?;
+        let solution = self.solve(&pure_rotation, params.mapping.readout_sigma)?;
+        if has_two_motions(&solution, &self.initial_poses(&pure_rotation), params) {
+            return Some(SecondLook::TwoMotions);
+        }
+        let started = self.contradiction(&solution, &poses, pyramid, &params.bootstrap)?;
+        Some(SecondLook::Contradicted(Box::new(started)))
+    }
+
+    /// The first map as it is seen now, where it is another than with these poses of the chosen frames.
+    fn contradiction(
+        &mut self,
+        solution: &Solution,
+        poses: &[Se3],
+        pyramid: &Pyramid,
+        p: &BootstrapParams,
+    ) -> Option<Started> {
+        if !acceptable(&solution.problem, p) {
+            return None;
+        }
         let (seen, had) = (solution.problem.frames.last()?, poses.last()?);
         // What was mapped of images that are bent while they are read is bent too.
         let is_bent = solution.sensor.is_rolling() && !self.sensor.is_rolling();
         let differs = is_bent
             || seen.translation.angle(&had.translation).to_degrees() > p.other_direction
-                && self.cost_of(&poses) > p.contradiction * solution.cost;
+                && self.cost_of(poses) > p.contradiction * solution.cost;
         differs.then(|| {
             self.sensor = solution.sensor;
-            self.finish(&solution, pyramid)
+            self.finish(solution, pyramid)
         })
     }
 }

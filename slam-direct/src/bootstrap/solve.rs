@@ -174,7 +174,7 @@ impl Bootstrap {
     }
 
     /// Poses of the chosen frames to seek a solution from: the camera turns only, or travels in one of six directions besides.
-    fn initial_poses(&self, pure_rotation: &Se3) -> Vec<Vec<Se3>> {
+    pub(super) fn initial_poses(&self, pure_rotation: &Se3) -> Vec<Vec<Se3>> {
         let chosen = self.chosen();
         let w = pure_rotation.rotation.scaled_axis();
         let directions = [

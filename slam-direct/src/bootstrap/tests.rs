@@ -207,6 +207,7 @@ fn contradicted(
             SecondLook::Nothing => {}
             SecondLook::Over => return (i, None),
             SecondLook::Contradicted(started) => return (i, Some(*started)),
+            SecondLook::TwoMotions => panic!("nothing moves"),
         }
     }
     assert!(has_map);

@@ -5,7 +5,7 @@ use crate::align::{Alignment, AlignmentReference, Brightness, ReferencePoint};
 use crate::local_map::{LocalMap, PointRef};
 use crate::params::Params;
 use crate::relocalise::relocalise;
-use crate::rival::has_two_motions;
+use crate::rival::second_motion;
 use crate::track::{self, Matched, Near, View};
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3, median};
@@ -30,8 +30,8 @@ pub(crate) struct Located {
     pub covered: usize,
     /// Median of the squared residuals over the assumed one.
     pub residual_scale: f64,
-    /// Whether its points move in two ways: the pose may be that of either.
-    pub(super) has_two_motions: bool,
+    /// Share of its points that agree with a second motion: the pose may be that of either.
+    pub(super) second_motion: f32,
     pub(super) brightness: Brightness,
     pub(super) hosts: Vec<usize>,
     /// Motion of the camera, in map units.
@@ -165,7 +165,7 @@ pub(super) fn locate(
         }
     }
     let moved = View { camera_from_world, motion: better, ..*view };
-    let has_two_motions = has_two_motions(map, &moved, &found, params);
+    let second_motion = second_motion(map, &moved, &found, params);
     let inliers = matched.iter().filter(|m| m.inlier).count();
     let known = known_depths(map, &matched);
     let covered = covered(map, &matched);
@@ -182,7 +182,7 @@ pub(super) fn locate(
         known,
         covered,
         residual_scale,
-        has_two_motions,
+        second_motion,
     }
 }
 

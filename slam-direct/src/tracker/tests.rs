@@ -90,7 +90,7 @@ fn located(inliers: usize, searched: usize) -> Located {
         known: inliers,
         covered: 0,
         residual_scale: 1.0,
-        has_two_motions: false,
+        second_motion: 0.0,
         brightness: Brightness::default(),
         hosts: Vec::new(),
         motion: Twist::zeros(),
