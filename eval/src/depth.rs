@@ -17,27 +17,49 @@ pub struct DepthAccuracy {
     pub median_relative_error: f64,
     /// Share of points with a relative error above [`OUTLIER_BOUND`], 0–1.
     pub outlier_share: f64,
+    /// Median of the squared errors over their stated variances (normalised estimation error squared): 0.45 where the variances
+    /// are true and the errors normal, more where they are stated too small.
+    pub median_nees: f64,
+    /// Share of points within two stated standard deviations, 0–1: 0.95 where these are true.
+    pub within_two_deviations: f64,
 }
 
-/// Compares `(estimated, true)` inverse depths, all > 0 and each in one unit; `None` when there are none.
-pub fn depth_accuracy(pairs: &[(f32, f32)]) -> Option<DepthAccuracy> {
+/// A point's inverse depth as it was estimated, and as it is, each > 0 and in a unit of its own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct InverseDepthPair {
+    /// Estimated, in 1/unit of the map.
+    pub estimate: f32,
+    /// Standard deviation that is stated of it, 1/unit of the map.
+    pub deviation: f32,
+    /// What it is, 1/unit of the truth.
+    pub truth: f32,
+}
+
+/// Compares estimated inverse depths with true ones; `None` when there are none.
+pub fn depth_accuracy(pairs: &[InverseDepthPair]) -> Option<DepthAccuracy> {
     if pairs.is_empty() {
         return None;
     }
-    let pairs = || pairs.iter().map(|&(estimate, truth)| (f64::from(estimate), f64::from(truth)));
-    let mut ratios: Vec<f64> = pairs().map(|(estimate, truth)| truth / estimate).collect();
-    ratios.sort_by(f64::total_cmp);
-    let scale = median_of_sorted(&ratios);
-    let mut errors: Vec<f64> =
-        pairs().map(|(estimate, truth)| (scale * estimate - truth).abs() / truth).collect();
-    errors.sort_by(f64::total_cmp);
+    let ratio = |pair: &InverseDepthPair| f64::from(pair.truth) / f64::from(pair.estimate);
+    let scale = median_of_sorted(&sorted(pairs.iter().map(ratio)));
+    let error = |pair: &InverseDepthPair| (scale * f64::from(pair.estimate) - f64::from(pair.truth)).abs();
+    let errors = sorted(pairs.iter().map(|pair| error(pair) / f64::from(pair.truth)));
     let outliers = errors.len() - errors.partition_point(|&e| e <= OUTLIER_BOUND);
+    let normalised = sorted(pairs.iter().map(|pair| error(pair) / (scale * f64::from(pair.deviation))));
     Some(DepthAccuracy {
         count: errors.len(),
         scale,
         median_relative_error: median_of_sorted(&errors),
         outlier_share: outliers as f64 / errors.len() as f64,
+        median_nees: median_of_sorted(&normalised).powi(2),
+        within_two_deviations: normalised.partition_point(|&e| e <= 2.0) as f64 / errors.len() as f64,
     })
+}
+
+fn sorted(values: impl Iterator<Item = f64>) -> Vec<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values
 }
 
 #[cfg(test)]
@@ -46,15 +68,34 @@ mod tests {
 
     #[test]
     fn scale_is_free_and_outliers_count() {
-        let truth = [0.1f32, 0.2, 0.3, 0.4, 0.5];
-        let mut pairs: Vec<(f32, f32)> = truth.iter().map(|&t| (t * 4.0, t)).collect();
+        let pair = |truth: f32| InverseDepthPair { estimate: truth * 4.0, deviation: 0.4 * truth, truth };
+        let mut pairs = [0.1, 0.2, 0.3, 0.4, 0.5].map(pair);
         let exact = depth_accuracy(&pairs).unwrap();
         assert!((exact.scale - 0.25).abs() < 1e-7 && exact.median_relative_error < 1e-6);
-        pairs[0].0 *= 1.2;
-        pairs[1].0 *= 1.05;
+        pairs[0].estimate *= 1.2;
+        pairs[1].estimate *= 1.05;
         let off = depth_accuracy(&pairs).unwrap();
         assert_eq!((off.count, off.outlier_share), (5, 0.2));
         assert!((off.scale - 0.25).abs() < 1e-7);
         assert_eq!(depth_accuracy(&[]), None);
+    }
+
+    #[test]
+    fn deviations_are_judged_by_the_errors_whatever_the_unit() {
+        let mut random = geometry::Random::new(3);
+        let mut pair = |stated: f64| {
+            let error = 0.02 * random.normal();
+            InverseDepthPair {
+                estimate: (8.0 * (1.0 + error)) as f32,
+                deviation: (0.16 * stated) as f32,
+                truth: 2.0,
+            }
+        };
+        let honest: Vec<_> = (0..4000).map(|_| pair(1.0)).collect();
+        let bold: Vec<_> = (0..4000).map(|_| pair(0.25)).collect();
+        let (honest, bold) = (depth_accuracy(&honest).unwrap(), depth_accuracy(&bold).unwrap());
+        assert!((honest.within_two_deviations - 0.954).abs() < 0.02, "{honest:?}");
+        assert!((honest.median_nees - 0.455).abs() < 0.06, "{honest:?}");
+        assert!((bold.within_two_deviations - 0.383).abs() < 0.04 && bold.median_nees > 5.0, "{bold:?}");
     }
 }

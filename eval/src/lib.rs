@@ -25,7 +25,7 @@ pub use align::{AlignMode, align};
 pub use associate::{Associated, DEFAULT_MAX_DIFF, associate};
 pub use ate::ate;
 pub use coverage::{Coverage, coverage};
-pub use depth::{DepthAccuracy, OUTLIER_BOUND, depth_accuracy};
+pub use depth::{DepthAccuracy, InverseDepthPair, OUTLIER_BOUND, depth_accuracy};
 pub use error::EvalError;
 pub use evaluation::{Evaluation, Options, evaluate};
 pub use read::{read_times, read_trajectory};

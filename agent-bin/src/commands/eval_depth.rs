@@ -1,7 +1,7 @@
 //! Accuracy of a map's depths against depth images: part of `loopbox eval`.
 
 use anyhow::{Context, Result, bail};
-use eval::{DepthAccuracy, Trajectory, depth_accuracy, warp_inverse_depth};
+use eval::{DepthAccuracy, InverseDepthPair, Trajectory, depth_accuracy, warp_inverse_depth};
 use geometry::{Image, Pinhole, Sim3};
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, Map, load_map};
 use serde::Serialize;
@@ -43,6 +43,12 @@ impl fmt::Display for MapDepth {
         )?;
         writeln!(f, "  median relative error of inverse depth  {:.3} %", 100.0 * a.median_relative_error)?;
         writeln!(f, "  outliers (> {} %)  {:.2} %", 100.0 * eval::OUTLIER_BOUND, 100.0 * a.outlier_share)?;
+        let within = 100.0 * a.within_two_deviations;
+        writeln!(
+            f,
+            "  within two stated standard deviations  {within:.1} % (95.4 % where these are true), median NEES {:.2} (0.45)",
+            a.median_nees
+        )?;
         let (all, exported) = (100.0 * self.density, 100.0 * self.exported_density);
         writeln!(f, "  pixels of a keyframe with a depth  {all:.1} %, exported {exported:.1} %")
     }
@@ -86,9 +92,9 @@ pub fn measure(
             inverse_depth = warp_inverse_depth(&inverse_depth, camera, &target_from_source);
         }
         compared += 1;
-        pairs.extend(exported(keyframe).filter_map(|(pixel, estimate)| {
+        pairs.extend(exported(keyframe).filter_map(|(pixel, estimate, deviation)| {
             let truth = *inverse_depth.data().get(pixel as usize)?;
-            (truth > 0.0).then_some((estimate, truth))
+            (truth > 0.0).then_some(InverseDepthPair { estimate, deviation, truth })
         }));
     }
     let Some(accuracy) = depth_accuracy(&pairs) else {
@@ -110,12 +116,14 @@ pub fn measure(
     })
 }
 
-/// `(pixel index, inverse depth in 1/map unit)` of the points that a cloud of the map contains by default.
-fn exported(keyframe: &Keyframe) -> impl Iterator<Item = (u32, f32)> + '_ {
+/// `(pixel index, inverse depth, its standard deviation)`, the last two in 1/map unit, of the points that a cloud of the map contains by
+/// default.
+fn exported(keyframe: &Keyframe) -> impl Iterator<Item = (u32, f32, f32)> + '_ {
     let Sim3 { scale, .. } = keyframe.world_from_keyframe;
     keyframe.semi_dense.iter().filter_map(move |(pixel, inverse_depth, variance)| {
         let certain = variance <= DEFAULT_MAX_RELATIVE_VARIANCE * inverse_depth * inverse_depth;
-        certain.then_some((pixel, (f64::from(inverse_depth) / scale) as f32))
+        let in_map = |value: f32| (f64::from(value) / scale) as f32;
+        certain.then_some((pixel, in_map(inverse_depth), in_map(variance.sqrt())))
     })
 }
 
