@@ -4,6 +4,7 @@
 
 mod crowd;
 mod doubles;
+mod doubt;
 mod faults;
 mod fleet;
 mod lidar;
@@ -78,13 +79,16 @@ struct Args {
     /// Measure only rendered recordings of so many seeds to which something happens: --only names what
     #[arg(long, value_name = "SEEDS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "doubles"])]
     faults: Option<u64>,
+    /// Measure only rendered recordings of so many seeds on which a tracker may be sure of itself and wrong: --only names kinds
+    #[arg(long, value_name = "SEEDS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "doubles", "faults"])]
+    doubt: Option<u64>,
     /// Measure only how merging grows: so many maps of rendered ways through one town merged at once, and then one more
-    #[arg(long, value_name = "AGENTS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "doubles", "faults"])]
+    #[arg(long, value_name = "AGENTS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "doubles", "faults", "doubt"])]
     crowd: Option<usize>,
     /// With --crowd: keyframes of each map
     #[arg(long, value_name = "N", default_value_t = 500, requires = "crowd")]
     keyframes: usize,
-    /// With --strangers, --doubles, --faults and --lidar: other places, from this seed on. What limits are set on must not be what they
+    /// With --strangers, --doubles, --faults, --doubt and --lidar: other places, from this seed on. What limits are set on must not be what they
     /// are measured on
     #[arg(long, value_name = "N", default_value_t = 2)]
     seed: u64,
@@ -202,6 +206,11 @@ fn main() -> Result<()> {
         let seeds: Vec<u64> = (args.seed..args.seed.saturating_add(seeds)).collect();
         let all = faults::measure(&runner, &seeds, &args.only)?;
         return write(&args.documents, &[("faults", faults::section(&all))]);
+    }
+    if let Some(seeds) = args.doubt {
+        let seeds: Vec<u64> = (args.seed..args.seed.saturating_add(seeds)).collect();
+        let all = doubt::measure(&runner, &seeds, &args.only)?;
+        return write(&args.documents, &[("doubt", doubt::section(&all, &seeds))]);
     }
     let found = sequences(&args.data, &args.only)?;
     if args.perturbed {

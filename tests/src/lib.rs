@@ -21,6 +21,7 @@ mod patterns;
 pub mod proxy;
 mod recording;
 mod render;
+pub mod robot;
 pub mod similar_places;
 mod texture;
 pub mod trajectory;

@@ -1,0 +1,184 @@
+//! What of a run is right, wrong, and said.
+
+use eval::{AlignMode, Associated, Pose, align};
+use geometry::Sim3;
+use nalgebra::Vector3;
+
+/// What there is to see in a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Seen {
+    /// A place, by its number.
+    Place(usize),
+    /// Nothing.
+    Nothing,
+}
+
+/// Seconds over which a scale is measured.
+const STRETCH: f64 = 3.0;
+/// Seconds from one stretch to the next.
+const STEP: f64 = 0.5;
+/// Seconds that the frames of a fragment last, at least, for it to be right or wrong.
+const LEAST: f64 = 0.5;
+/// Metres that a camera goes in a fragment, or spreads in a stretch, for its scale to be known.
+const LEAST_PATH: f64 = 0.2;
+const LEAST_SPREAD: f64 = 0.05;
+/// Share of its path by which a fragment is off at most and right, and how far two scales in it may lie apart.
+const OFF: f64 = 0.05;
+const SCALES: f64 = 1.5;
+
+/// A frame with a pose: what there is to see in it, its time, and where it is and was found.
+#[derive(Clone, Copy, Debug)]
+pub struct Posed {
+    pub seen: Seen,
+    pub time: f64,
+    pub truth: Pose,
+    pub found: Pose,
+}
+
+/// What became of a fragment.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Fragment {
+    /// Frames of each of two places.
+    pub frames: [usize; 2],
+    /// Frames that show nothing.
+    pub invented: usize,
+    /// Largest error over the length of the path, of the place with most frames; none where it goes nowhere.
+    pub off: Option<f64>,
+    /// Largest ratio of two scales.
+    pub scales: Option<f64>,
+    /// Frames of the place with fewer of them that make half a second or more.
+    pub joins_places: bool,
+}
+
+impl Fragment {
+    /// Whether it is not what it says to be.
+    pub fn is_wrong(&self) -> bool {
+        self.joins_places || self.off.is_some_and(|off| off > OFF) || self.scales.is_some_and(|r| r > SCALES)
+    }
+}
+
+/// Compares the poses of a fragment with the truth; `rate` is that of the recording, frames a second.
+pub fn judge(posed: &[Posed], rate: f64) -> Fragment {
+    let of_place = |place| posed.iter().filter(|p| p.seen == Seen::Place(place)).copied().collect::<Vec<_>>();
+    let places = [of_place(0), of_place(1)];
+    let frames = [places[0].len(), places[1].len()];
+    let (most, fewest) =
+        if frames[0] >= frames[1] { (&places[0], frames[1]) } else { (&places[1], frames[0]) };
+    let least = (LEAST * rate) as usize;
+    let invented = posed.iter().filter(|p| p.seen == Seen::Nothing).count();
+    let joins_places = fewest >= least;
+    if most.len() < least {
+        return Fragment { frames, invented, joins_places, ..Fragment::default() };
+    }
+    Fragment { frames, invented, joins_places, off: off(most), scales: scales(most, rate) }
+}
+
+/// Largest distance from the truth over the length of the path, after one similarity.
+fn off(posed: &[Posed]) -> Option<f64> {
+    let path: f64 = posed.windows(2).map(|w| (w[1].truth.translation - w[0].truth.translation).norm()).sum();
+    let pairs = Associated {
+        timestamps: Some(posed.iter().map(|p| p.time).collect()),
+        estimate: posed.iter().map(|p| p.found).collect(),
+        truth: posed.iter().map(|p| p.truth).collect(),
+    };
+    let aligned = match align(&pairs, AlignMode::Sim3) {
+        _ if path < LEAST_PATH => return None,
+        Ok((_, aligned)) => aligned,
+        Err(_) => pairs.transformed(&along_a_line(&pairs)?),
+    };
+    let (found, truth) = aligned.positions();
+    found.iter().zip(&truth).map(|(a, b)| (a - b).norm() / path).reduce(f64::max)
+}
+
+/// The similarity of a drive along a line, whose positions leave a turn about it open: the pose in its middle tells it.
+fn along_a_line(pairs: &Associated) -> Option<Sim3> {
+    let middle = pairs.len() / 2;
+    let (found, truth) = (pairs.estimate.get(middle)?.rigid(), pairs.truth.get(middle)?.rigid());
+    let rotation = truth.rotation * found.rotation.inverse();
+    let (found, truth) = pairs.positions();
+    let scale = spread(&truth) / spread(&found);
+    let mean = |points: &[Vector3<f64>]| points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+    (scale.is_finite()).then(|| Sim3::new(rotation, mean(&truth) - rotation * mean(&found) * scale, scale))
+}
+
+/// Largest ratio of the scales of two stretches, each over the truth.
+fn scales(posed: &[Posed], rate: f64) -> Option<f64> {
+    let (first, last) = (posed.first()?.time, posed.last()?.time);
+    let scale = |begin: f64| {
+        let own = posed.iter().filter(|p| (begin..begin + STRETCH).contains(&p.time));
+        let (found, truth): (Vec<_>, Vec<_>) =
+            own.map(|p| (p.found.translation, p.truth.translation)).unzip();
+        let is_enough = found.len() as f64 > 0.5 * STRETCH * rate && spread(&truth) > LEAST_SPREAD;
+        is_enough.then(|| spread(&found) / spread(&truth))
+    };
+    let begins =
+        (0..).map(|i| first + STEP * f64::from(i)).take_while(|begin| begin + STRETCH <= last + STEP);
+    let found: Vec<f64> = begins.filter_map(scale).collect();
+    let most = found.iter().copied().reduce(f64::max)?;
+    let least = found.iter().copied().reduce(f64::min)?;
+    Some(most / least)
+}
+
+/// Root mean square distance from the mean.
+fn spread(points: &[Vector3<f64>]) -> f64 {
+    let count = points.len() as f64;
+    let mean = points.iter().sum::<Vector3<f64>>() / count;
+    (points.iter().map(|p| (p - mean).norm_squared()).sum::<f64>() / count).sqrt()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::Se3;
+    use nalgebra::UnitQuaternion;
+
+    /// Ten seconds at ten frames a second along an arc of two metres; `found` says where a frame is found, of its number and its truth.
+    fn drive(
+        seen: impl Fn(usize) -> Seen,
+        found: impl Fn(usize, Vector3<f64>) -> Vector3<f64>,
+    ) -> Vec<Posed> {
+        let pose = |at| Pose::from(Se3::new(UnitQuaternion::identity(), at));
+        let frame = |i: usize| {
+            let angle = 0.02 * i as f64;
+            let truth = Vector3::new(angle.sin(), 0.0, angle.cos());
+            Posed { seen: seen(i), time: 0.1 * i as f64, truth: pose(truth), found: pose(found(i, truth)) }
+        };
+        (0..100).map(frame).collect()
+    }
+
+    #[test]
+    fn a_fragment_in_another_unit_is_right() {
+        let fragment = judge(&drive(|_| Seen::Place(0), |_, at| at * 7.0), 10.0);
+        assert!(!fragment.is_wrong() && fragment.off.unwrap() < 1e-9, "{fragment:?}");
+        assert!(fragment.scales.unwrap() < 1.0 + 1e-9 && fragment.frames == [100, 0]);
+    }
+
+    #[test]
+    fn a_scale_that_changes_half_way_is_wrong() {
+        let middle = Vector3::new(1f64.sin(), 0.0, 1f64.cos());
+        let shrunk = |i: usize, at: Vector3<f64>| if i < 50 { at } else { middle + (at - middle) * 0.5 };
+        let fragment = judge(&drive(|_| Seen::Place(0), shrunk), 10.0);
+        assert!(fragment.scales.unwrap() > 1.9 && fragment.is_wrong(), "{fragment:?}");
+    }
+
+    #[test]
+    fn a_drive_along_a_line_has_an_error_too() {
+        let mut line = drive(|_| Seen::Place(0), |i, _| Vector3::x() * (0.5 * i as f64));
+        line.iter_mut().enumerate().for_each(|(i, p)| p.truth.translation = Vector3::x() * (0.02 * i as f64));
+        assert!(judge(&line, 10.0).off.unwrap() < 1e-9);
+        line[50].found.translation.x += 10.0;
+        assert!(judge(&line, 10.0).off.unwrap() > 0.1);
+    }
+
+    #[test]
+    fn a_step_aside_is_wrong_and_so_are_two_places_in_one_map() {
+        let aside = |i: usize, at: Vector3<f64>| if i < 95 { at } else { at + Vector3::y() * 0.3 };
+        assert!(judge(&drive(|_| Seen::Place(0), aside), 10.0).off.unwrap() > 0.1);
+        let seen = |i: usize| if i < 60 { Seen::Place(0) } else { Seen::Place(1) };
+        let fragment = judge(&drive(seen, |_, at| at), 10.0);
+        assert!(fragment.joins_places && fragment.is_wrong() && fragment.off.unwrap() < 1e-9);
+        let few = |i: usize| if i < 97 { Seen::Place(0) } else { Seen::Nothing };
+        let fragment = judge(&drive(few, |_, at| at), 10.0);
+        assert!(fragment.invented == 3 && !fragment.is_wrong());
+    }
+}

@@ -1,0 +1,108 @@
+//! Where a tracker may be sure of itself and wrong: what moves, a scale that is not carried, a turn before any map, another place
+//! after a loss. A run that is wrong has said so, or has not.
+
+mod cases;
+mod judge;
+mod report;
+
+pub use report::section;
+
+use crate::measure::{Runner, finish, make_empty};
+use crate::side_by_side::side_by_side;
+use anyhow::{Context, Result, bail};
+use cases::{Case, Kind};
+use eval::{Pose, read_trajectory};
+use judge::{Fragment, Posed, Seen, judge};
+use loopbox_tests::{Encoding, Recording, Shot};
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+/// What became of a recording.
+pub struct Outcome {
+    kind: Kind,
+    seed: u64,
+    /// Frames in which there is something to see.
+    visible: usize,
+    fragments: Vec<Fragment>,
+    /// Whether the run says that something was lost or is doubtful.
+    is_said: bool,
+}
+
+/// Renders and maps recordings of so many seeds.
+///
+/// # Errors
+/// When files cannot be written or read, or the program fails.
+pub fn measure(runner: &Runner, seeds: &[u64], only: &[String]) -> Result<Vec<Outcome>> {
+    let is_asked = |kind: &Kind| only.is_empty() || only.contains(&kind.name());
+    let kinds: Vec<Kind> = Kind::all().into_iter().filter(is_asked).collect();
+    if kinds.is_empty() {
+        bail!("nothing doubtful is called {}: try robot or covered", only.join(" or "));
+    }
+    let jobs: Vec<(Kind, u64)> =
+        kinds.iter().flat_map(|kind| seeds.iter().map(|seed| (*kind, *seed))).collect();
+    side_by_side(&jobs, |&(kind, seed)| {
+        let outcome = measure_one(runner, kind, seed)?;
+        eprintln!("{}", report::line(&outcome));
+        Ok(outcome)
+    })
+}
+
+fn measure_one(runner: &Runner, kind: Kind, seed: u64) -> Result<Outcome> {
+    let home = runner.work.join("doubt").join(format!("{kind:?}-{seed}").replace([' ', '(', ')', ','], "-"));
+    let (source, out) = (home.join("recording"), home.join("out"));
+    make_empty(&out)?;
+    let case = kind.recording(seed);
+    let assumed = Recording { camera: case.assumed, shots: case.recording.shots.clone() };
+    let written = assumed.write(&source, Encoding::Jpeg);
+    written.with_context(|| format!("{}: cannot be written", source.display()))?;
+    finish(Command::new(&runner.loopbox).arg("run").arg(&source).arg("--out").arg(&out).arg("--quiet"))?;
+    let outcome = Outcome {
+        kind,
+        seed,
+        visible: case.seen.iter().filter(|seen| **seen != Seen::Nothing).count(),
+        fragments: fragments(&case, &out)?,
+        is_said: is_said(&out.join("run.json"))?,
+    };
+    std::fs::remove_dir_all(&home).with_context(|| format!("{}: cannot be removed", home.display()))?;
+    Ok(outcome)
+}
+
+/// What became of each fragment of a run.
+fn fragments(case: &Case, out: &Path) -> Result<Vec<Fragment>> {
+    let shots = &case.recording.shots;
+    let rate = (shots.len() - 1) as f64 / (shots[shots.len() - 1].timestamp - shots[0].timestamp);
+    let names =
+        std::iter::once("trajectory.txt".to_owned()).chain((2..).map(|i| format!("trajectory-{i}.txt")));
+    let mut fragments = Vec::new();
+    for path in names.map(|name| out.join(name)).take_while(|path| path.is_file()) {
+        let trajectory = read_trajectory(&path)?;
+        let times = trajectory.timestamps.as_deref().unwrap_or_default();
+        let posed: Vec<Posed> = times
+            .iter()
+            .zip(&trajectory.world_from_camera)
+            .filter_map(|(time, found)| {
+                let frame = nearest(shots, *time)?;
+                let truth = Pose::from(shots[frame].world_from_camera);
+                Some(Posed { seen: case.seen[frame], time: *time, truth, found: *found })
+            })
+            .collect();
+        fragments.push(judge(&posed, rate));
+    }
+    Ok(fragments)
+}
+
+/// The frame of this time.
+fn nearest(shots: &[Shot], time: f64) -> Option<usize> {
+    let off = |i: &usize| (shots[*i].timestamp - time).abs();
+    (0..shots.len()).min_by(|a, b| off(a).total_cmp(&off(b)))
+}
+
+/// Whether a run says that tracking was lost, or that frames are doubtful.
+fn is_said(record: &Path) -> Result<bool> {
+    let text = std::fs::read(record).with_context(|| format!("{}", record.display()))?;
+    let record: Value = serde_json::from_slice(&text).with_context(|| format!("{}", record.display()))?;
+    let count = |name: &str| record.pointer(&format!("/frames/{name}")).and_then(Value::as_u64);
+    let (losses, doubted) = (count("losses"), count("doubted"));
+    Ok(losses.context("run.json counts no losses")? + doubted.unwrap_or_default() > 0)
+}
