@@ -6,6 +6,7 @@
 //! nothing.
 
 mod guess;
+mod search;
 
 pub use guess::Guess;
 use guess::Guessing;
@@ -106,9 +107,11 @@ pub struct Odometry {
     /// The velocity, from the second sweep on.
     velocity: Option<Velocity>,
     guessing: Guessing,
+    /// Whether sweeps that contradict the map are sought elsewhere.
+    seeks: bool,
     swept: usize,
-    /// Shares of the points that agreed in the newest sweeps that were tracked.
-    shares: VecDeque<f64>,
+    /// Of the newest sweeps that were tracked, the share of the points that agreed, and of those that could.
+    shares: VecDeque<(f64, f64)>,
     table: VoxelTable,
     kept: Vec<u32>,
 }
@@ -129,12 +132,6 @@ const STARTING_ROUNDS: usize = 3;
 const STARTING_DOUBT: (f64, f64) = (1.0, 1.0);
 /// Grid on which the points are thinned that find the first motion, in voxels of the map.
 const STARTING_GRID: f32 = 2.0;
-/// A sweep of which a smaller share of the points agrees than this, of what did in the median of so many before it, is not where it
-/// should be: the sensor was carried away, or much is missing in between. Drives by robots and a car have 0.87 and more from sweep to
-/// sweep, a sensor that was carried 3 m off and turned 0.22.
-const SUDDEN: (f64, usize) = (0.6, 5);
-/// Turns beyond the predicted one, to either side, at which a sweep is sought that is not where it should be, radians.
-const YAW_OFFSETS: [f64; 7] = [0.0, 0.1, -0.1, 0.2, -0.2, 0.4, -0.4];
 /// Sweeps follow each other without a gap when their instants leave less than this share of a sweep between them.
 const CONTIGUOUS: f64 = 0.3;
 /// Over a longer time than this, seconds, no sensor keeps its motion: a recording pauses, or its clock was set ahead, and the sensor is sought
@@ -158,11 +155,18 @@ impl Odometry {
             first: None,
             velocity: None,
             guessing: Guessing::default(),
+            seeks: true,
             swept: 0,
             shares: VecDeque::new(),
             table,
             kept,
         }
+    }
+
+    /// The same, where sweeps that contradict the map stay where they are: how much agrees then tells whether points have the right times.
+    #[must_use]
+    pub fn without_search(self) -> Self {
+        Self { seeks: false, ..self }
     }
 
     /// The local map.
@@ -184,10 +188,7 @@ impl Odometry {
             return tracked;
         }
         tracked.guess = self.guess(&sweep, &registration);
-        self.shares.push_back(registration.inlier_share);
-        if self.shares.len() > SUDDEN.1 {
-            self.shares.pop_front();
-        }
+        self.learn_shares(&registration);
         if self.last.is_none() {
             self.first = Some(sweep.clone());
         }
@@ -211,6 +212,8 @@ impl Odometry {
             motion,
             information: Matrix6::identity() * 1e6,
             inlier_share: 1.0,
+            known_share: 1.0,
+            support: 1.0,
             rmse: 0.0,
             steps: 0,
         }
@@ -241,34 +244,13 @@ impl Odometry {
 
     fn follow(&mut self, sweep: &Sweep, last: &Last) -> Registration {
         let mut registration = self.locate(sweep, last, (0.0, 0.0));
-        if self.is_lost(&registration) {
-            registration = self.search_yaw(sweep, last, registration);
+        if self.is_doubtful(&registration) {
+            registration = self.search(sweep, last, registration);
         }
         if !self.is_lost(&registration) {
             self.insert(sweep, &registration.motion);
         }
         registration
-    }
-
-    /// Seeks a sweep that is not where it should be, turned more or less than predicted; the best of what is found.
-    fn search_yaw(&mut self, sweep: &Sweep, last: &Last, before: Registration) -> Registration {
-        let turned = |angle: f64| {
-            let rotation = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, angle));
-            let motion = SweepMotion { begin: last.motion.begin * rotation, end: last.motion.end * rotation };
-            Last { motion, ..*last }
-        };
-        let found: Vec<Registration> =
-            YAW_OFFSETS.iter().map(|angle| self.locate(sweep, &turned(*angle), STARTING_DOUBT)).collect();
-        found
-            .into_iter()
-            .fold(before, |best, next| if next.inlier_share > best.inlier_share { next } else { best })
-    }
-
-    /// Whether so much less agrees than did in the sweeps before that the sensor is somewhere else.
-    fn is_lost(&self, registration: &Registration) -> bool {
-        let mut shares: Vec<f32> = self.shares.iter().map(|share| *share as f32).collect();
-        let usual = median(&mut shares).filter(|_| self.shares.len() == SUDDEN.1);
-        usual.is_some_and(|usual| registration.inlier_share < SUDDEN.0 * f64::from(usual))
     }
 
     /// Finds the motion of a sweep. `doubt` is what the last twist may err by, per second, besides accelerations.
@@ -280,11 +262,16 @@ impl Odometry {
             &mut self.table,
             &mut self.kept,
         );
+        self.register(sweep, last, &prediction)
+    }
+
+    /// The same from a prediction, of points that were chosen.
+    fn register(&self, sweep: &Sweep, last: &Last, prediction: &Prediction) -> Registration {
         let params = &self.params.registration;
         let (used, map) = (&self.kept, &self.map);
         // Until what is guessed is said poses are those that all axes give: voxels' ends help where a sweep tells little of the height.
         let asked = self.guessing.asked();
-        let mut found = register_by(sweep, used, map, &prediction, params, asked);
+        let mut found = register_by(sweep, used, map, prediction, params, asked);
         if translations(&found.information).0[0] > LOOKED_AT {
             found.information -= false_information(sweep, used, map, &found.motion, params, asked);
         }

@@ -67,10 +67,39 @@ pub struct Registration {
     pub information: Matrix6<f64>,
     /// Share of the points that lie on a plane of the map within the kernel.
     pub inlier_share: f64,
+    /// Share of the points that lie where the map has something to compare them with.
+    pub known_share: f64,
+    /// Share of the points that agree, each counted by its weight in the kernel.
+    pub support: f64,
     /// Root mean square of the inliers' distances from their planes, metres.
     pub rmse: f64,
     /// Steps taken.
     pub steps: usize,
+}
+
+impl Registration {
+    /// A motion of which nothing is known.
+    pub(crate) fn unknown(motion: SweepMotion) -> Self {
+        Self {
+            motion,
+            information: Matrix6::zeros(),
+            inlier_share: 0.0,
+            known_share: 0.0,
+            support: 0.0,
+            rmse: 0.0,
+            steps: 0,
+        }
+    }
+
+    /// Of the points that lie where something is mapped, the share that agrees: what is not mapped yet contradicts nothing.
+    pub fn agreement(&self) -> f64 {
+        self.inlier_share / self.known_share.max(f64::MIN_POSITIVE)
+    }
+
+    /// The same, each counted by its weight in the kernel.
+    pub fn supported(&self) -> f64 {
+        self.support / self.known_share.max(f64::MIN_POSITIVE)
+    }
 }
 
 /// Sums of the rigid normal equations with weights 1, s and s².
@@ -81,11 +110,12 @@ pub(crate) struct Normal {
     inliers: f64,
     squared: f64,
     support: f64,
+    known: f64,
 }
 
 impl Normal {
     pub const ZERO: Self =
-        Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0, support: 0.0 };
+        Self { h: [[0.0; 21]; 3], g: [[0.0; 6]; 2], inliers: 0.0, squared: 0.0, support: 0.0, known: 0.0 };
 
     /// A residual, its rigid Jacobian row, its weight and its share of the sweep.
     #[inline]
@@ -171,8 +201,8 @@ pub(crate) fn register_by(
     asked: Asked,
 ) -> Registration {
     let mut motion = prediction.motion;
-    let mut result =
-        Registration { motion, information: Matrix6::zeros(), inlier_share: 0.0, rmse: 0.0, steps: 0 };
+    let count = used.len().max(1) as f64;
+    let mut result = Registration::unknown(motion);
     // The kernel begins as wide as the prediction may err, and narrows step by step.
     let mut widening = 8.0;
     for step in 1..=params.most_steps {
@@ -188,7 +218,9 @@ pub(crate) fn register_by(
         result = Registration {
             motion,
             information: normal.block(0) / params.correlation,
-            inlier_share: normal.inliers / used.len().max(1) as f64,
+            inlier_share: normal.inliers / count,
+            known_share: normal.known / count,
+            support: normal.support / count,
             rmse: (normal.squared / normal.inliers.max(1.0)).sqrt(),
             steps: step,
         };
@@ -285,6 +317,7 @@ fn linearise(
         let (point, share) = (sweep.points[i as usize], sweep.shares[i as usize]);
         let world = table.transform(point, share);
         let Some(surface) = map.surface_at(world) else { continue };
+        normal.known += 1.0;
         let offset = [0, 1, 2].map(|k| world[k] - surface.mean[k]);
         let along = |n: [f32; 3]| f64::from(n[0] * offset[0] + n[1] * offset[1] + n[2] * offset[2]);
         let squared = squared_distance(surface, world);
@@ -355,27 +388,4 @@ fn solve(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    proptest! {
-        #[test]
-        fn rows_are_derivatives(
-            point in prop::array::uniform3(-20.0f64..20.0), centre in prop::array::uniform3(-20.0f64..20.0),
-            normal in prop::array::uniform3(-1.0f64..1.0), column in 0usize..6,
-        ) {
-            let distance = |step: f64| {
-                let mut increment = Vector6::zeros();
-                increment[column] = step;
-                let c = Vector3::from(centre);
-                let pose = moved(&Se3::identity(), &c, &increment);
-                Vector3::from(normal).dot(&(pose * Vector3::from(point)))
-            };
-            let h = 1e-5;
-            let numeric = (distance(h) - distance(-h)) / (2.0 * h);
-            let row = plane_row(point, centre, normal);
-            prop_assert!((row[column] - numeric).abs() < 1e-6 * (1.0 + numeric.abs()), "{} {}", row[column], numeric);
-        }
-    }
-}
+mod tests;

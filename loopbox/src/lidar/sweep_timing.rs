@@ -234,7 +234,7 @@ fn thinned(mut scan: Scan) -> Scan {
 
 /// The scans in which the sensor turns most, as far as must be looked; none where it hardly does.
 fn moving_window(beginning: Vec<Scan>, rest: &mut dyn Iterator<Item = Scan>) -> Option<Vec<Scan>> {
-    let mut odometry = Odometry::new(OdometryParams::default());
+    let mut odometry = Odometry::new(OdometryParams::default()).without_search();
     let mut scans: Vec<(Scan, f64)> = Vec::new();
     let mut last: Option<Se3> = None;
     let mut lost = 0;
@@ -247,7 +247,7 @@ fn moving_window(beginning: Vec<Scan>, rest: &mut dyn Iterator<Item = Scan>) -> 
         let step = if tracked.lost { MOVED_WELL } else { last.map_or(0.0, turned) };
         lost = if tracked.lost { lost + 1 } else { 0 };
         if lost == GIVE_UP {
-            (odometry, lost) = (Odometry::new(OdometryParams::default()), 0);
+            (odometry, lost) = (Odometry::new(OdometryParams::default()).without_search(), 0);
         }
         last = (!tracked.lost).then_some(tracked.world_from_sensor);
         scans.push((scan, step));
@@ -282,7 +282,7 @@ struct Trial {
 
 impl Trial {
     fn of(window: &[Scan], timing: Option<SweepTiming>) -> Self {
-        let mut odometry = Odometry::new(OdometryParams::default());
+        let mut odometry = Odometry::new(OdometryParams::default()).without_search();
         let share = |scan: &Scan| {
             let mut scan = scan.clone();
             timing.iter().for_each(|timing| timing.apply(&mut scan));
