@@ -81,10 +81,10 @@ const CARPET: usize = 4;
 
 impl Kind {
     /// The kinds that limits may be set on.
-    pub const TUNED: [Self; 5] = [Self::Posters, Self::Facade, Self::Aisle, Self::Office, Self::Empty];
+    pub const TUNED: [Self; 6] =
+        [Self::Posters, Self::Facade, Self::Aisle, Self::Office, Self::Empty, Self::Hall];
     /// The kinds that are shown only.
-    pub const HELD_OUT: [Self; 6] =
-        [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Hall, Self::Mirrored];
+    pub const HELD_OUT: [Self; 5] = [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Mirrored];
 
     /// A place of this kind around the origin, to be seen towards +z.
     pub fn world(self, version: &Version) -> World {

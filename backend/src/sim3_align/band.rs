@@ -15,9 +15,12 @@ params! {
         pub min_edge: f64 = 6.0,
         /// How far beside an edge nothing is taken, pixels. Range 0–20: edges are blurred by a pixel or two.
         pub margin: usize = 2,
-        /// Half the side of the square whose mean is taken off each pixel, pixels. Range 1–20; one more than `margin` at most, for it may not
-        /// reach across an edge.
-        pub radius: usize = 3,
+        /// Half the side of the square whose mean is taken off each pixel, pixels. Range 1–20; twice `margin` and one at most, for it may not
+        /// reach across an edge: two pixels of it and a margin to each side are left out.
+        pub radius: usize = 5,
+        /// Half the side of the square whose mean each pixel is, pixels. Range 0–3, below `radius`: the noise of pixels hides a grain of 2 or 3
+        /// grey levels, that of nine together is a third.
+        pub blur: usize = 1,
     }
 }
 
@@ -44,6 +47,8 @@ pub(super) struct Band {
     pub values: Vec<f32>,
     /// Of each cell, the standard deviation, grey levels; 0 where too few of its pixels are compared.
     pub deviations: Vec<f64>,
+    /// Side of the square whose mean each value is, pixels: so many times less of it is noise and rounding.
+    pub side: usize,
     /// Of each cell, the contrast: that over the mean intensity.
     pub contrasts: Vec<f64>,
     /// Of each cell, how much less its band changes along one direction than across it, 0 for an edge to 1 for grain: the ratio of
@@ -61,7 +66,8 @@ pub(super) struct Grid {
 }
 
 impl Band {
-    pub fn new(values: Vec<f32>, grey: &[f32], grid: &Grid) -> Self {
+    /// From values each of which is the mean of a square of `side` pixels.
+    pub fn new((values, side): (Vec<f32>, usize), grey: &[f32], grid: &Grid) -> Self {
         let &Grid { width, cell, columns, rows } = grid;
         let first = |i: usize| [i % columns * cell, i / columns * cell];
         let moments = |i: usize| {
@@ -84,7 +90,12 @@ impl Band {
         let roundness = (0..rows * columns).map(|i| roundness(&values, width, first(i), cell)).collect();
         let deviations = moments.iter().map(|(deviation, _)| *deviation).collect();
         let contrasts = moments.iter().map(|(deviation, mean)| deviation / mean.max(1.0)).collect();
-        Self { values, deviations, contrasts, roundness }
+        Self { values, deviations, side, contrasts, roundness }
+    }
+
+    /// Whether a cell has more than rounding leaves, of which a single pixel has `least` grey levels.
+    pub fn shows(&self, cell: usize, least: f64) -> bool {
+        self.deviations[cell] * self.side as f64 >= least
     }
 }
 
@@ -108,9 +119,10 @@ pub(super) fn grain(grey: &[f32], means: &[f32], width: usize, params: &GrainPar
     let share = box_means(&taken, width, height, params.radius);
     let kept: Vec<f32> = grey.iter().zip(&taken).map(|(value, taken)| value * taken).collect();
     let kept_means = box_means(&kept, width, height, params.radius);
-    (0..grey.len())
-        .map(|i| if taken[i] > 0.0 { grey[i] - kept_means[i] / share[i] } else { f32::NAN })
-        .collect()
+    let near_share = box_means(&taken, width, height, params.blur);
+    let near_means = box_means(&kept, width, height, params.blur);
+    let value = |i: usize| near_means[i] / near_share[i] - kept_means[i] / share[i];
+    (0..grey.len()).map(|i| if taken[i] > 0.0 { value(i) } else { f32::NAN }).collect()
 }
 
 /// The ratio of the eigenvalues of the structure tensor of a cell's band.
@@ -178,13 +190,14 @@ mod tests {
             let means = box_means(&grey, width, height, 4);
             grain(&grey, &means, width, &GrainParams::default())
         };
+        let radius = GrainParams::default().radius;
         let (plain, beside) = (found(0.0), found(1.0));
         assert!(plain.iter().all(|value| !value.is_nan()));
         for i in 0..width * height {
             let from_step = (i % width).abs_diff(17).min((i % width).abs_diff(16));
             assert_eq!(beside[i].is_nan(), from_step <= 2, "{i}");
-            // Means that do not reach the step are the same.
-            assert!(from_step <= 5 || (plain[i] - beside[i]).abs() < 1e-4, "{i}");
+            // Means that do not reach what is left out are the same.
+            assert!(from_step <= 2 + radius || (plain[i] - beside[i]).abs() < 1e-4, "{i}");
             assert!(beside[i].is_nan() || beside[i].abs() < 7.0, "{i}");
         }
     }

@@ -24,7 +24,7 @@ params! {
         /// Relative difference of two inverse depths from which on the nearer one hides the other. Range 0.01–1: errors of pose and
         /// scale, and of a cell's plane.
         pub relative_gap: f64 = 0.05,
-        /// Least standard deviation of a cell's band, grey levels. Range 0.3–50: what is plainer is rounding.
+        /// Least standard deviation of a cell's band, grey levels of single pixels. Range 0.3–50: what is plainer is rounding.
         pub min_deviation: f64 = 1.0,
         /// Largest ratio of a cell's size in the target to that in the source, and the reverse. Range 1–4: beyond, one is a
         /// blur of the other.
@@ -59,7 +59,7 @@ impl KeyframeView {
         let (own, other) = (self.surface(), target.surface());
         let foreground = Foreground::new([self, target], target_from_self, params.relative_gap);
         let found = |cell: usize| -> Option<Vec<CellMatch>> {
-            let has_band = |layer: &Layer| own.band(*layer).deviations[cell] >= params.min_deviation;
+            let has_band = |layer: &Layer| own.band(*layer).shows(cell, params.min_deviation);
             let plane = own.planes[cell].filter(|_| Layer::ALL.iter().any(has_band))?;
             let footprint = Warp { own, other, cell, target_from_self }.footprint(params)?;
             let visibility = foreground.visibility(&footprint);
@@ -95,10 +95,10 @@ impl KeyframeView {
         let (own_band, other_band) = (own.band(layer), other.band(layer));
         let all = other.columns * other.rows;
         let found = |cell: usize| {
-            own.planes[cell].filter(|_| own_band.deviations[cell] >= params.min_deviation)?;
+            own.planes[cell].filter(|_| own_band.shows(cell, params.min_deviation))?;
             let is_like = |there: &usize| {
                 let ratio = other_band.contrasts[*there] / own_band.contrasts[cell];
-                other_band.deviations[*there] >= params.min_deviation && (LIKE.recip()..LIKE).contains(&ratio)
+                other_band.shows(*there, params.min_deviation) && (LIKE.recip()..LIKE).contains(&ratio)
             };
             // From far away in the image on, another each.
             let from = cell + all / 2 + (cell * 7919) % (all / 3).max(1);

@@ -90,8 +90,8 @@ impl Surface {
             columns,
             rows,
             planes,
-            pattern: Band::new(band, &grey, &grid),
-            grain: Band::new(grain, &grey, &grid),
+            pattern: Band::new((band, 1), &grey, &grid),
+            grain: Band::new((grain, 2 * params.grain.blur + 1), &grey, &grid),
         }
     }
 

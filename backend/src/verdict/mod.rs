@@ -8,12 +8,13 @@
 //!
 //! * one place: `a ~ Beta(1/m − 1, 1)`, where `m` is the share that is expected to have changed ([`Prior::changed`]), or with
 //!   probability [`Prior::rearranged`] anything, `Beta(1, 1)`;
-//! * a double: `a` is anything from nothing to all, `Beta(1, 1)`; but of wear (grain, stains, how things lie), which is
+//! * a double: `a` is anything from nothing to all, `Beta(1, 1)`, or of looks, which are made in numbers, with probability
+//!   [`Prior::copied`] nearly all; but of wear (grain, stains, how things lie), which is
 //!   nowhere else, it shares [`Prior::shared_wear`] only, unless with probability [`Prior::printed`] what looks like wear is made
 //!   in numbers too.
 //!
 //! The likelihood of the pieces given `a` is the product of `(a·e^l + 1 − a)^w`: no piece says more than a change or a thing that is
-//! shared explains. So looks that agree say at most `ln 1/m`, wear that agrees at most `−ln printed` more, looks that differ at most
+//! shared explains. So shapes that agree say at most `ln 1/m`, looks at most `−ln copied`, wear that agrees at most `−ln printed` more, looks that differ at most
 //! `−ln rearranged` against, however many they are. The ratio of both, integrated over `a`, falls with every piece that differs more.
 //! Outlier mixtures of this form: Jaynes, *Probability Theory* (2003), §21.
 
@@ -85,7 +86,7 @@ pub struct Piece {
     pub kind: PieceKind,
     /// Its share of all surface that both maps see, 0–1.
     pub share: f64,
-    /// How many things it holds, 0 or more: its size over that of one thing, and 1 at least for a piece that differs by itself.
+    /// How many things it holds, 0 or more: its size over that of one thing, and 1 at least for a piece that differs by itself and for wear.
     /// A thousand pixels of one poster are one thing.
     pub things: f64,
     /// How often the like of it occurs in the two maps, itself included, 1 or more. What occurs in numbers is made in
@@ -113,8 +114,12 @@ params! {
         pub rearranged: f64 = 0.02,
         /// Probability that what looks like wear is made in numbers: wallpaper, laminate, tiles of one print. Range 1e-6–0.5.
         pub printed: f64 = 0.01,
-        /// Share of its wear that a double has in common with a place. Range 1e-6–0.5: the grain of prints of one picture.
-        pub shared_wear: f64 = 0.01,
+        /// Share of its wear that a double has in common with a place. Range 1e-6–0.5: the grain of prints of one picture. Of rendered doubles
+        /// (façades, rooms with the same posters) some 0.15.
+        pub shared_wear: f64 = 0.15,
+        /// Probability that a double has all looks in common with a place, but for as few as change in one: halls, aisles and storeys of one make
+        /// and stock. Range 0–0.5; looks that agree never say more than `−ln` of it.
+        pub copied: f64 = 0.2,
         /// ln of how many pairs that fit in all else are one place, for each that is a double. Range 0–10.
         pub ln_odds: f64 = 2.2,
         /// Probability from which on an answer is given. Range 0.5–1.

@@ -30,29 +30,16 @@ pub fn weigh(pieces: &[Piece], prior: &Prior) -> Weighed {
     // In one order, so that sums do not depend on the order of the pieces.
     let mut order: Vec<usize> = (0..pieces.len()).filter(|&i| is_measured(&pieces[i])).collect();
     order.sort_by(|&a, &b| compare(&pieces[a], &pieces[b]));
-    let (mut all, mut looks, mut wear) = (vec![0.0; model.grid.len()], vec![0.0; model.grid.len()], 0.0);
-    let add = |sums: &mut [f64], terms: &[f64], sign: f64| {
-        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += sign * term);
-    };
+    let mut sums = Sums::new(model.grid.len());
     for piece in order.iter().map(|&i| &pieces[i]) {
-        let terms = model.terms(piece);
-        add(&mut all, &terms, 1.0);
-        match piece.kind {
-            PieceKind::Wear => wear += model.wear.ln_term(piece),
-            PieceKind::Shape | PieceKind::Look => add(&mut looks, &terms, 1.0),
-        }
+        sums.add(piece, &model, 1.0);
     }
-    let ln_ratio = if order.is_empty() { 0.0 } else { model.ln_ratio(&all, &looks, wear) };
+    let ln_ratio = if order.is_empty() { 0.0 } else { model.ln_ratio(&sums) };
     let mut parts = vec![0.0; pieces.len()];
     for &i in &order {
-        let terms = model.terms(&pieces[i]);
-        let (mut all, mut looks, mut wear) = (all.clone(), looks.clone(), wear);
-        add(&mut all, &terms, -1.0);
-        match pieces[i].kind {
-            PieceKind::Wear => wear -= model.wear.ln_term(&pieces[i]),
-            PieceKind::Shape | PieceKind::Look => add(&mut looks, &terms, -1.0),
-        }
-        parts[i] = ln_ratio - model.ln_ratio(&all, &looks, wear);
+        let mut without = sums.clone();
+        without.add(&pieces[i], &model, -1.0);
+        parts[i] = ln_ratio - model.ln_ratio(&without);
     }
     let things = |of: &dyn Fn(&Piece) -> bool| -> f64 {
         order.iter().map(|&i| &pieces[i]).filter(|piece| of(piece)).map(|piece| piece.things).sum()
@@ -80,15 +67,51 @@ pub fn explained(pieces: &[Piece], prior: &Prior) -> f64 {
     model.ln_same(&all)
 }
 
+/// Terms of pieces, summed at each share of those that are the same in both maps.
+#[derive(Clone)]
+struct Sums {
+    all: Vec<f64>,
+    shapes: Vec<f64>,
+    looks: Vec<f64>,
+    /// How many looks there are.
+    count: f64,
+    /// Of wear of which a double shares what it does by its prior.
+    wear: f64,
+}
+
+impl Sums {
+    fn new(count: usize) -> Self {
+        let zeros = vec![0.0; count];
+        Self { all: zeros.clone(), shapes: zeros.clone(), looks: zeros, count: 0.0, wear: 0.0 }
+    }
+
+    /// Adds a piece, or takes it off by the sign −1.
+    fn add(&mut self, piece: &Piece, model: &Model, sign: f64) {
+        let terms = model.terms(piece);
+        let add = |sums: &mut [f64]| sums.iter_mut().zip(&terms).for_each(|(sum, term)| *sum += sign * term);
+        add(&mut self.all);
+        match piece.kind {
+            PieceKind::Wear => self.wear += sign * model.wear.ln_term(piece),
+            PieceKind::Shape => add(&mut self.shapes),
+            PieceKind::Look => {
+                add(&mut self.looks);
+                self.count += sign;
+            }
+        }
+    }
+}
+
 /// Both hypotheses at shares of the pieces that are the same in both maps.
 struct Model {
     grid: Vec<Share>,
     /// ln of the normalised prior densities of a share: of one place, and of anything.
     same: Vec<f64>,
     anything: Vec<f64>,
-    /// ln of the probability that one place was rearranged, that wear is printed, and of the contrary of each.
+    /// ln of the probability that one place was rearranged, that wear is printed, that a double's looks are copies, and of the contrary of
+    /// each.
     ln_rearranged: [f64; 2],
     ln_printed: [f64; 2],
+    ln_copied: [f64; 2],
     /// What a double shares of its wear.
     wear: Share,
 }
@@ -105,8 +128,8 @@ impl Model {
         let anything = density(Beta { agree: 1.0, differ: 1.0 });
         let ln = |probability: f64| [probability.ln(), (1.0 - probability).ln()];
         let wear = Share::new((prior.shared_wear / (1.0 - prior.shared_wear)).ln());
-        let (ln_rearranged, ln_printed) = (ln(prior.rearranged), ln(prior.printed));
-        Self { grid, same, anything, ln_rearranged, ln_printed, wear }
+        let [ln_rearranged, ln_printed, ln_copied] = [prior.rearranged, prior.printed, prior.copied].map(ln);
+        Self { grid, same, anything, ln_rearranged, ln_printed, ln_copied, wear }
     }
 
     fn terms(&self, piece: &Piece) -> Vec<f64> {
@@ -119,11 +142,24 @@ impl Model {
         ln_add(kept + integral(&self.same, all), rearranged + integral(&self.anything, all))
     }
 
-    /// By the summed terms of all pieces, of those that are no wear, and of wear that a double does not share.
-    fn ln_ratio(&self, all: &[f64], looks: &[f64], wear: f64) -> f64 {
+    /// How likely shapes and looks are of a double, by their summed terms.
+    fn ln_double(&self, shapes: &[f64], looks: &[f64]) -> f64 {
+        let [copied, own] = self.ln_copied;
+        let together: Vec<f64> = shapes.iter().zip(looks).map(|(shape, look)| shape + look).collect();
+        let copies = integral(&self.anything, shapes) + integral(&self.same, looks);
+        ln_add(own + integral(&self.anything, &together), copied + copies)
+    }
+
+    fn ln_ratio(&self, sums: &Sums) -> f64 {
         let [printed, worn] = self.ln_printed;
-        let shared = worn + integral(&self.anything, looks) + wear;
-        self.ln_same(all) - ln_add(shared, printed + integral(&self.anything, all))
+        let (shared, alike) = if sums.count > 0.0 {
+            let others: Vec<f64> =
+                sums.all.iter().zip(&sums.shapes).map(|(all, shape)| all - shape).collect();
+            (self.ln_double(&sums.shapes, &sums.looks), self.ln_double(&sums.shapes, &others))
+        } else {
+            (integral(&self.anything, &sums.shapes), integral(&self.anything, &sums.all))
+        };
+        self.ln_same(&sums.all) - ln_add(worn + shared + sums.wear, printed + alike)
     }
 }
 
@@ -224,8 +260,14 @@ mod tests {
     fn the_ratio_is_that_of_the_integrals() {
         let pieces: Vec<Piece> = (0..30).map(|_| piece(PieceKind::Look, 40.0)).collect();
         let agree = Prior::default().changed().recip() - 1.0;
-        let expected = (0.98 * agree / (agree + 30.0) * 31.0 + 0.02).ln();
+        let (one, any) = (agree / (agree + 30.0), 1.0 / 31.0);
+        let expected = ((0.98 * one + 0.02 * any) / (0.2 * one + 0.8 * any)).ln();
         assert!((ln_ratio(&pieces, 0.0) - expected).abs() < 0.01);
+        // Shapes are no copies.
+        let shapes: Vec<Piece> =
+            pieces.iter().map(|piece| Piece { kind: PieceKind::Shape, ..*piece }).collect();
+        let expected = (0.98 * one / any + 0.02).ln();
+        assert!((ln_ratio(&shapes, 0.0) - expected).abs() < 0.01);
     }
 
     /// More that differs is never judged more leniently, at any distance in time and by any share.
@@ -238,7 +280,20 @@ mod tests {
             }
         }
         let answer = |other: usize| weigh(&looks(100 - other, other), &Prior::default()).answer;
-        assert_eq!([0, 10, 90].map(answer), [Answer::Same, Answer::CannotTell, Answer::CannotTell]);
+        assert_eq!([0, 10, 90].map(answer), [Answer::CannotTell; 3]);
+    }
+
+    /// However many agree, a hall of racks and its double with the same goods do: it takes what is nowhere else.
+    #[test]
+    fn looks_alone_tell_no_place_from_its_copy() {
+        let prior = Prior::default();
+        for days in [0.0, 30.0] {
+            let alone = ln_ratio(&looks(300, 0), days);
+            assert!(alone > 0.0 && alone <= -prior.copied.ln(), "{alone}");
+        }
+        let worn = |agrees: f64| [looks(300, 0), vec![piece(PieceKind::Wear, agrees); 3]].concat();
+        assert_eq!(weigh(&worn(4.0), &prior).answer, Answer::Same);
+        assert!(ln_ratio(&worn(-4.0), 0.0) < -prior.ln_odds);
     }
 
     #[test]
@@ -264,11 +319,12 @@ mod tests {
     fn neither_wear_nor_change_says_more_than_its_own_double() {
         let prior = Prior::default();
         let worn = [looks(300, 0), vec![piece(PieceKind::Wear, 9.0); 300]].concat();
-        let most = prior.changed().recip().ln() - prior.printed.ln();
+        let most = -prior.copied.ln() - prior.printed.ln();
         let found = weigh(&worn, &prior).ln_ratio;
         assert!(found > most - 1.5 && found <= most, "{found} of {most}");
         let other = weigh(&looks(0, 300), &prior).ln_ratio;
-        assert!((other - prior.rearranged.ln()).abs() < 0.1, "{other}");
+        let least = prior.rearranged.ln() - (1.0 - prior.copied).ln();
+        assert!((other - least).abs() < 0.1, "{other}");
     }
 
     /// A pose at which more is alike explains more, one at which things differ besides explains less, and at the best much is alike.

@@ -23,9 +23,9 @@ const REARRANGED: f64 = 0.2;
 /// the place must be told even though hardly anything is expected to have changed.
 const MUCH: f64 = 0.1;
 
-/// What is believed of changes and doubles where a camera comes back.
+/// What is believed of changes and doubles where a camera comes back: within the reach of one run hardly a place is a copy of another.
 pub(crate) fn prior() -> Prior {
-    Prior { rearranged: REARRANGED, ..Prior::default() }
+    Prior { rearranged: REARRANGED, copied: 0.0, ..Prior::default() }
 }
 
 /// Judges by all that frames and keyframes see of each surface.
@@ -58,7 +58,7 @@ fn answer_of(found: &Weighed) -> Answer {
         return found.answer;
     }
     let pieces: Vec<Piece> = found.pieces.iter().map(|(piece, _)| *piece).collect();
-    weigh(&pieces, &Prior::default()).answer
+    weigh(&pieces, &Prior { copied: 0.0, ..Prior::default() }).answer
 }
 
 /// What an ideal camera would have taken.

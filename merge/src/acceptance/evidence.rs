@@ -3,7 +3,7 @@
 use crate::closure::{Closure, PairOutcome};
 use crate::direct::DirectAlignment;
 use crate::further::Joined;
-use backend::verdict::{Answer, Prior, Weighed};
+use backend::verdict::{Answer, PieceKind, Prior, Weighed, weigh};
 use nalgebra::{SMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -86,13 +86,22 @@ pub struct PlaceEvidence {
     pub needed: f64,
     /// Share of the things, 0–1, that differ.
     pub changed: f64,
+    /// How many things were compared.
+    pub things: f64,
+    /// What of `ln_ratio` would be missing without wear, the surface that is nowhere else: above 0 it speaks for one place.
+    pub own: f64,
 }
 
 impl PlaceEvidence {
     /// Of pieces weighed by a prior.
     pub fn new(weighed: &Weighed, prior: &Prior) -> Self {
         let Weighed { answer, ln_ratio, changed, .. } = *weighed;
-        Self { answer, ln_ratio, probability: prior.probability(ln_ratio), needed: prior.certainty, changed }
+        let pieces = weighed.pieces.iter().map(|(piece, _)| *piece);
+        let things = pieces.clone().map(|piece| piece.things).sum();
+        let others = pieces.filter(|piece| piece.kind != PieceKind::Wear).collect::<Vec<_>>();
+        let own = ln_ratio - weigh(&others, prior).ln_ratio;
+        let (probability, needed) = (prior.probability(ln_ratio), prior.certainty);
+        Self { answer, ln_ratio, probability, needed, changed, things, own }
     }
 }
 

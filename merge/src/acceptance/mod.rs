@@ -7,7 +7,7 @@
 //!
 //! | line | what it catches | failing it |
 //! |---|---|---|
-//! | what both saw of each piece of surface ([`place_verdict`](crate::place_verdict)) | places that share things | refused; undecided where it does not tell and much differs |
+//! | what both saw of each piece of surface ([`place_verdict`](crate::place_verdict)) | places that share things | refused; undecided where it does not tell and much differs or what is nowhere else speaks against |
 //! | at least two keyframe pairs, each well known, agree on the motion | one view that looks alike by chance | undecided |
 //! | matches γ over the agreeing pairs, at need with the further ones that agree | images that share a thing or two | undecided |
 //! | pixels that agree after direct alignment, both ways, all agreeing pairs | places of the same shape with other texture, and the reverse | refused |
@@ -285,11 +285,13 @@ impl Test {
     }
 }
 
-/// Whether the surface does not tell one place from two, and so much differs, or two places are so much likelier, that other lines may not
-/// either.
+/// Whether the surface does not tell one place from two, and so much differs, two places are so much likelier, or what is nowhere else
+/// speaks for two though all else is alike, that other lines may not either.
 fn is_undecided(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
     let is_unlikely = place.probability.is_nan() || place.probability < params.min_undecided_probability;
-    place.answer == Answer::CannotTell && (place.changed >= params.min_undecided_change || is_unlikely)
+    let is_worn_otherwise = place.own.is_nan() || place.own < 0.0;
+    place.answer == Answer::CannotTell
+        && (place.changed >= params.min_undecided_change || is_unlikely || is_worn_otherwise)
 }
 
 /// A value and its limit as they are compared.

@@ -35,8 +35,15 @@ const BEYOND: Beyond = Beyond {
 };
 
 /// Looks that agree, just enough.
-const PLACE: PlaceEvidence =
-    PlaceEvidence { answer: Answer::Same, ln_ratio: 2.5, probability: 0.99, needed: 0.99, changed: 0.0 };
+const PLACE: PlaceEvidence = PlaceEvidence {
+    answer: Answer::Same,
+    ln_ratio: 2.5,
+    probability: 0.99,
+    needed: 0.99,
+    changed: 0.0,
+    things: 40.0,
+    own: 1.0,
+};
 
 fn verdict(evidence: Evidence) -> Verdict {
     judge(evidence, &AcceptanceParams::default())
@@ -209,6 +216,21 @@ fn surface_that_is_likelier_of_two_places_joins_nothing() {
     let open = of(0.32);
     assert!(!open.accepts() && !open.is_double() && open.doubt().unwrap().is_similar_place());
     assert!(!of(f64::NAN).accepts());
+}
+
+/// A hundred looks that agree are of a place or of its double: surface that is nowhere else must not speak against it.
+#[test]
+fn surface_that_is_nowhere_else_may_not_speak_against_a_closure() {
+    let of = |own: f64| {
+        let place = Some(PlaceEvidence { own, ..undecided(0.02).place.unwrap() });
+        verdict(Evidence { place, ..undecided(0.02) })
+    };
+    // Where none was measured other lines tell.
+    assert!(of(1.0).accepts() && of(0.0).accepts());
+    for own in [-0.1, -2.0, f64::NAN] {
+        let open = of(own);
+        assert!(!open.accepts() && !open.is_double() && open.doubt().unwrap().is_similar_place());
+    }
 }
 
 /// Depths may be wrong in one view or two; a thing that is not there is missing in all.

@@ -3,7 +3,7 @@
 use super::PlaceParams;
 use backend::verdict::{Piece, PieceKind};
 use nalgebra::Vector3;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// What two keyframes saw of a cell of surface.
 #[derive(Clone, Copy, Debug)]
@@ -38,10 +38,8 @@ impl Cube {
 
 /// Cubes that touch, are of one kind, and all agree or all differ.
 struct Area {
-    kind: PieceKind,
     agrees: bool,
-    /// How many.
-    count: f64,
+    cubes: Vec<Key>,
     /// Their summed agreement.
     ln_agreement: f64,
 }
@@ -78,25 +76,55 @@ impl Noise {
 
 /// The pieces that cells make: those in one cube are one, seen several times; cubes that touch and say the same of the same kind of
 /// look are one piece. What differs no deeper than noise does is left out.
+///
+/// A thing that has changed looks otherwise and has another grain, which is one fact: grain that differs on it and next to it is
+/// left out. Cubes of wear that say little each, a faint grain in noise, say it together, for or against, as one piece.
 pub(super) fn pieces(spots: &[Spot], noise: &Noise, params: &PlaceParams) -> Vec<Piece> {
     let cubes = cubes(spots);
     let all = cubes.len() as f64;
     let depth = noise.depth(cubes.len());
-    areas(&cubes, params).iter().filter_map(|area| piece(area, all, depth, params)).collect()
+    let (wear, looks): (BTreeMap<Key, Cube>, BTreeMap<Key, Cube>) =
+        cubes.into_iter().partition(|((kind, _), _)| *kind == PieceKind::Wear);
+    let looks = areas(&looks, params);
+    let differing = looks.iter().filter(|area| !area.agrees && area.ln_agreement + depth < 0.0);
+    let changed: BTreeSet<[i64; 3]> = differing.flat_map(|area| &area.cubes).flat_map(near).collect();
+    let kept = wear.into_iter().filter(|((_, at), cube)| cube.ln_agreement >= 0.0 || !changed.contains(at));
+    let is_faint = |(_, cube): &(Key, Cube)| cube.ln_agreement.abs() < params.min_difference;
+    let (faint, wear): (BTreeMap<Key, Cube>, BTreeMap<Key, Cube>) = kept.partition(is_faint);
+    let clear = areas(&wear, params);
+    let found = looks.iter().chain(&clear).filter_map(|area| piece(area, all, depth, params));
+    found.chain(together(&faint, all)).collect()
 }
 
 fn piece(area: &Area, all: f64, noise: f64, params: &PlaceParams) -> Option<Piece> {
-    let of_thing = params.cells_of_thing;
-    // Of one thing its cells say the same together; a larger piece is so many things.
-    let (things, ln_agreement) = if area.agrees {
-        (area.count / of_thing, area.ln_agreement * of_thing.min(area.count) / area.count)
+    let (of_thing, count) = (params.cells_of_thing, area.cubes.len() as f64);
+    let (kind, things) = (area.cubes[0].0, count / of_thing);
+    // Of one thing its cells say the same together; a larger piece is so many things. Grain shows in a part of a thing often, and is a fact
+    // whether it agrees or differs.
+    let least = if area.agrees && kind != PieceKind::Wear { 0.0 } else { 1.0 };
+    let ln_agreement = if area.agrees {
+        area.ln_agreement * of_thing.min(count) / count
     } else {
-        ((area.count / of_thing).max(1.0), (area.ln_agreement + noise).min(0.0))
+        (area.ln_agreement + noise).min(0.0)
     };
+    let things = things.max(least);
     (ln_agreement != 0.0).then_some(Piece {
-        kind: area.kind,
-        share: area.count / all,
+        kind,
+        share: count / all,
         things,
+        occurrences: 1.0,
+        ln_agreement,
+    })
+}
+
+/// What faint wear says together.
+fn together(faint: &BTreeMap<Key, Cube>, all: f64) -> Option<Piece> {
+    let ln_agreement: f64 = faint.values().map(|cube| cube.ln_agreement).sum();
+    let share = faint.len() as f64 / all;
+    (ln_agreement != 0.0).then_some(Piece {
+        kind: PieceKind::Wear,
+        share,
+        things: 1.0,
         occurrences: 1.0,
         ln_agreement,
     })
@@ -126,12 +154,12 @@ fn areas(cubes: &BTreeMap<Key, Cube>, params: &PlaceParams) -> Vec<Area> {
     let mut left: BTreeMap<Key, (bool, f64)> = cubes.iter().filter_map(said).collect();
     let mut areas = Vec::new();
     while let Some((key, (agrees, ln_agreement))) = left.pop_first() {
-        let (mut area, mut next) = (Area { kind: key.0, agrees, count: 1.0, ln_agreement }, vec![key]);
+        let (mut area, mut next) = (Area { agrees, cubes: vec![key], ln_agreement }, vec![key]);
         while let Some(key) = next.pop() {
             for around in around(key) {
                 if let Some((_, more)) = left.get(&around).copied().filter(|(of, _)| *of == agrees) {
                     left.remove(&around);
-                    area.count += 1.0;
+                    area.cubes.push(around);
                     area.ln_agreement += more;
                     next.push(around);
                 }
@@ -143,9 +171,14 @@ fn areas(cubes: &BTreeMap<Key, Cube>, params: &PlaceParams) -> Vec<Area> {
 }
 
 /// The 26 cubes around one, of the same kind.
-fn around((kind, [x, y, z]): Key) -> impl Iterator<Item = Key> {
-    let offsets = (0..27).filter(|i| *i != 13).map(|i| [i % 3 - 1, i / 3 % 3 - 1, i / 9 - 1]);
-    offsets.map(move |[dx, dy, dz]| (kind, [x + dx, y + dy, z + dz]))
+fn around(key: Key) -> impl Iterator<Item = Key> {
+    near(&key).filter(move |at| *at != key.1).map(move |at| (key.0, at))
+}
+
+/// Where a cube is and the 26 around it are.
+fn near((_, [x, y, z]): &Key) -> impl Iterator<Item = [i64; 3]> + use<> {
+    let (x, y, z) = (*x, *y, *z);
+    (0..27).map(move |i| [x + i % 3 - 1, y + i / 3 % 3 - 1, z + i / 9 - 1])
 }
 
 #[cfg(test)]
@@ -158,6 +191,10 @@ mod tests {
 
     fn row(of: std::ops::Range<usize>, ln_agreement: f64) -> Vec<Spot> {
         of.map(|x| spot(x as f64, PieceKind::Look, ln_agreement)).collect()
+    }
+
+    fn wear(x: usize, ln_agreement: f64) -> Spot {
+        spot(x as f64, PieceKind::Wear, ln_agreement)
     }
 
     fn says(spots: &[Spot], noise: &Noise) -> Vec<(f64, f64)> {
@@ -174,9 +211,39 @@ mod tests {
         assert_eq!(says(&spots.repeat(3), &Noise::default()), found);
         assert!(says(&[], &Noise::default()).is_empty());
         // What lies between the edges speaks for itself.
-        let wear = |x: usize| spot(x as f64, PieceKind::Wear, -3.0);
-        let both = [row(0..8, 2.0), vec![wear(2), wear(3)]].concat();
+        let both = [row(0..8, 2.0), vec![wear(2, -3.0), wear(3, -3.0)]].concat();
         assert_eq!(says(&both, &Noise::default()), [(2.0, 8.0), (1.0, -6.0)]);
+    }
+
+    /// A sheet of paper that lies elsewhere differs in print and in grain.
+    #[test]
+    fn a_thing_that_has_changed_is_one_fact() {
+        let sheet = [row(0..8, 2.0), row(8..10, -3.0)].concat();
+        let found = says(&sheet, &Noise::default());
+        let grain = [sheet.clone(), vec![wear(8, -3.0), wear(10, -2.0), wear(7, -0.5)]].concat();
+        assert_eq!(says(&grain, &Noise::default()), found);
+        // The wall behind it is another fact, and so is what agrees.
+        let wall = [sheet.clone(), vec![wear(12, -3.0), wear(9, 2.0)]].concat();
+        assert_eq!(says(&wall, &Noise::default()), [(2.0, 8.0), (1.0, -6.0), (1.0, 2.0), (1.0, -3.0)]);
+        // What differs no more than noise is no change.
+        let noise = Noise { depths: vec![7.0], cubes: 10.0 };
+        let grain = [sheet, vec![wear(9, -9.0)]].concat();
+        assert_eq!(says(&grain, &noise), [(2.0, 8.0), (1.0, -2.0)]);
+    }
+
+    /// Where each cube says little, many say much, and none is left out for what it says.
+    #[test]
+    fn faint_wear_speaks_together() {
+        let walls = |says: f64| -> Vec<Spot> {
+            (0..40).map(|x| wear(x, if x % 4 == 0 { -says } else { says })).collect()
+        };
+        for (each, all) in [(0.5, 10.0), (-0.5, -10.0)] {
+            let found = says(&walls(each), &Noise::default());
+            assert!(
+                matches!(found[..], [(things, said)] if things == 1.0 && (said - all).abs() < 1e-9),
+                "{found:?}"
+            );
+        }
     }
 
     /// One map, seen twice, has four areas that differ by noise: two are expected in each half as much surface.

@@ -5,17 +5,29 @@ use crate::rendered::rendered_map;
 use backend::sim3_align::KeyframeView;
 use geometry::Pyramid;
 use loopbox_tests::doubles::{Kind, Version};
+use loopbox_tests::with_noise;
 use map::{Map, SemiDense};
 use merge::key_points::KeyPointParams;
 use merge::place_verdict::{Answer, PlaceParams, SeenFrame, frames_verdict};
 use merge::prepared::PreparedMap;
 use place_recog::KeyframeFeatures;
+use std::sync::Arc;
 
 /// An office of one plan with walls and boards that have a grain of their own.
 const HERE: Version = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 3.0 };
 
 fn map(version: &Version, pass: u64) -> Map {
     rendered_map(&Kind::Office.world(version), &Kind::Office.path(pass, 8))
+}
+
+/// The same of another kind, with noise of as many grey levels as cameras have.
+fn noisy(kind: Kind, version: &Version, pass: u64) -> Map {
+    let mut map = rendered_map(&kind.world(version), &kind.path(pass, 8));
+    for (id, keyframe) in &mut map.keyframes {
+        let seed = 1 + pass * 1000 + u64::from(id.0);
+        keyframe.image = Arc::new(with_noise(&keyframe.image, 1.5, seed));
+    }
+    map
 }
 
 /// What both ways past two versions of an office make of each other so many days apart, whichever is looked for in the other.
@@ -30,6 +42,23 @@ fn offices_of_one_plan_are_two() {
     for (share, days) in [(0.02, 0.0), (1.0, 0.0), (0.3, 30.0)] {
         for met in met(&Version { place: 1, share, ..HERE }, days) {
             assert!(met.closure().is_none(), "{share} differs after {days} days: {:?}", reasons(&met));
+        }
+    }
+}
+
+/// Of aisles and halls of one stock nearly all that is in view is alike; what tells them is a grain fainter than the noise.
+#[test]
+fn places_of_one_stock_are_two() {
+    for (kind, number) in [(Kind::Aisle, 1), (Kind::Hall, 0)] {
+        let here = Version { seed: number + 1, ..HERE };
+        let [first, same, double] = [
+            noisy(kind, &here, 2 * number),
+            noisy(kind, &Version { time: 1, ..here }, 2 * number + 1),
+            noisy(kind, &Version { place: number + 1, share: 0.02, ..here }, 2 * number + 1),
+        ];
+        assert!(pair_result_after(&first, &same, 0.0).closure().is_some(), "{kind:?}");
+        for met in [pair_result_after(&first, &double, 0.0), pair_result_after(&double, &first, 0.0)] {
+            assert!(met.closure().is_none(), "{kind:?}");
         }
     }
 }
