@@ -48,7 +48,7 @@ impl Kind {
             Uncovered::PassingElsewhere(1.0),
         ];
         let places = Place::TUNED.into_iter().chain(Place::HELD_OUT);
-        let covered = places.flat_map(|place| uncovered.map(|where_| Self::Covered(place, where_)));
+        let covered = places.flat_map(|place| uncovered.map(|how| Self::Covered(place, how)));
         moves.chain((0..DRIVES).map(Self::Robot)).chain([Self::TurnsFirst]).chain(covered).collect()
     }
 

@@ -2,7 +2,7 @@
 
 use eval::{AlignMode, Associated, Pose, align};
 use geometry::Sim3;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 /// What there is to see in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -90,15 +90,14 @@ fn off(posed: &[Posed]) -> Option<f64> {
     found.iter().zip(&truth).map(|(a, b)| (a - b).norm() / path).reduce(f64::max)
 }
 
-/// The similarity of a drive along a line, whose positions leave a turn about it open: the pose in its middle tells it.
+/// The similarity of a drive along a line, whose positions leave a turn about it open: errors do not depend on that turn.
 fn along_a_line(pairs: &Associated) -> Option<Sim3> {
-    let middle = pairs.len() / 2;
-    let (found, truth) = (pairs.estimate.get(middle)?.rigid(), pairs.truth.get(middle)?.rigid());
-    let rotation = truth.rotation * found.rotation.inverse();
     let (found, truth) = pairs.positions();
+    let way = |points: &[Vector3<f64>]| Some(points.last()? - points.first()?);
+    let rotation = UnitQuaternion::rotation_between(&way(&found)?, &way(&truth)?)?;
     let scale = spread(&truth) / spread(&found);
     let mean = |points: &[Vector3<f64>]| points.iter().sum::<Vector3<f64>>() / points.len() as f64;
-    (scale.is_finite()).then(|| Sim3::new(rotation, mean(&truth) - rotation * mean(&found) * scale, scale))
+    scale.is_finite().then(|| Sim3::new(rotation, mean(&truth) - rotation * mean(&found) * scale, scale))
 }
 
 /// Largest ratio of the scales of two stretches, each over the truth.
@@ -130,7 +129,6 @@ fn spread(points: &[Vector3<f64>]) -> f64 {
 mod tests {
     use super::*;
     use geometry::Se3;
-    use nalgebra::UnitQuaternion;
 
     /// Ten seconds at ten frames a second along an arc of two metres; `found` says where a frame is found, of its number and its truth.
     fn drive(
