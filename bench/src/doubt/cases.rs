@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_frame_of_a_recording_is_said_to_show_something_or_nothing() {
+    fn every_frame_of_a_recording_shows_something_or_nothing() {
         let kinds =
             [Kind::TurnsFirst, Kind::Robot(1), Kind::Covered(Place::Empty, Uncovered::Elsewhere(1.0))];
         for kind in kinds {

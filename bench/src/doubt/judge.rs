@@ -1,4 +1,4 @@
-//! What of a run is right, wrong, and said.
+//! What of a run is right, wrong, and reported.
 
 use eval::{AlignMode, Associated, Pose, align};
 use geometry::Sim3;
@@ -93,8 +93,8 @@ fn off(posed: &[Posed]) -> Option<f64> {
 /// The similarity of a drive along a line, whose positions leave a turn about it open: errors do not depend on that turn.
 fn along_a_line(pairs: &Associated) -> Option<Sim3> {
     let (found, truth) = pairs.positions();
-    let way = |points: &[Vector3<f64>]| Some(points.last()? - points.first()?);
-    let rotation = UnitQuaternion::rotation_between(&way(&found)?, &way(&truth)?)?;
+    let direction = |points: &[Vector3<f64>]| Some(points.last()? - points.first()?);
+    let rotation = UnitQuaternion::rotation_between(&direction(&found)?, &direction(&truth)?)?;
     let scale = spread(&truth) / spread(&found);
     let mean = |points: &[Vector3<f64>]| points.iter().sum::<Vector3<f64>>() / points.len() as f64;
     scale.is_finite().then(|| Sim3::new(rotation, mean(&truth) - rotation * mean(&found) * scale, scale))

@@ -1,5 +1,5 @@
 //! Where a tracker may be sure of itself and wrong: what moves, a scale that is not carried, a turn before any map, another place
-//! after a loss. A run that is wrong has said so, or has not.
+//! after a loss. A run that is wrong has reported so, or has not.
 
 mod cases;
 mod judge;
@@ -26,7 +26,7 @@ pub struct Outcome {
     visible: usize,
     fragments: Vec<Fragment>,
     /// Whether the run says that something was lost or is doubtful.
-    is_said: bool,
+    is_reported: bool,
 }
 
 /// Renders and maps recordings of so many seeds.
@@ -62,7 +62,7 @@ fn measure_one(runner: &Runner, kind: Kind, seed: u64) -> Result<Outcome> {
         seed,
         visible: case.seen.iter().filter(|seen| **seen != Seen::Nothing).count(),
         fragments: fragments(&case, &out)?,
-        is_said: is_said(&out.join("run.json"))?,
+        is_reported: is_reported(&out.join("run.json"))?,
     };
     std::fs::remove_dir_all(&home).with_context(|| format!("{}: cannot be removed", home.display()))?;
     Ok(outcome)
@@ -99,7 +99,7 @@ fn nearest(shots: &[Shot], time: f64) -> Option<usize> {
 }
 
 /// Whether a run says that tracking was lost, or that frames are doubtful.
-fn is_said(record: &Path) -> Result<bool> {
+fn is_reported(record: &Path) -> Result<bool> {
     let text = std::fs::read(record).with_context(|| format!("{}", record.display()))?;
     let record: Value = serde_json::from_slice(&text).with_context(|| format!("{}", record.display()))?;
     let count = |name: &str| record.pointer(&format!("/frames/{name}")).and_then(Value::as_u64);

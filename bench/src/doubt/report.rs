@@ -1,4 +1,4 @@
-//! What is said of runs on which a tracker may be sure of itself and wrong.
+//! What is reported of runs on which a tracker may be sure of itself and wrong.
 
 use super::Outcome;
 use super::judge::Fragment;
@@ -14,8 +14,8 @@ pub fn line(outcome: &Outcome) -> String {
         format!("{:?} off {off} % scales {}{wrong}", f.frames, number(f.scales, 2))
     };
     let fragments: Vec<String> = outcome.fragments.iter().map(fragment).collect();
-    let said = if outcome.is_said { "said" } else { "nothing said" };
-    format!("{:?} {}: {said}; {}", outcome.kind, outcome.seed, fragments.join("; "))
+    let reported = if outcome.is_reported { "reported" } else { "nothing reported" };
+    format!("{:?} {}: {reported}; {}", outcome.kind, outcome.seed, fragments.join("; "))
 }
 
 /// The table of the results page: a row for each thing that happens.
@@ -31,7 +31,7 @@ pub fn section(outcomes: &[Outcome], seeds: &[u64]) -> String {
     let mut text = format!(
         "Seeds {}. *Wrong*: a fragment of half a second or more is off by 5 % of its path, or the scales of two stretches of three seconds in it \
          differ by half, or it holds frames of two places. *Together*: frames of the place in the fragment with most of them.\n\n\
-         | what happens | recordings | frames with a pose | together | wrong, nothing said | wrong, after a loss or a doubt | largest change of \
+         | what happens | recordings | frames with a pose | together | wrong, nothing reported | wrong, after a loss or a doubt | largest change of \
          scale | most off, of the path |\n|---|---|---|---|---|---|---|---|\n",
         seeds.join(", ")
     );
@@ -50,9 +50,9 @@ fn cells(own: &[&Outcome]) -> String {
     let posed: usize = fragments().map(|f| f.frames[0] + f.frames[1]).sum();
     let most = |outcome: &&Outcome| outcome.fragments.iter().map(|f| f.frames[0] + f.frames[1]).max();
     let together: usize = own.iter().filter_map(most).sum();
-    let wrong = |is_said: bool| {
+    let wrong = |is_reported: bool| {
         let is_wrong = |outcome: &&&Outcome| {
-            outcome.is_said == is_said && outcome.fragments.iter().any(Fragment::is_wrong)
+            outcome.is_reported == is_reported && outcome.fragments.iter().any(Fragment::is_wrong)
         };
         own.iter().filter(is_wrong).count()
     };
@@ -60,9 +60,9 @@ fn cells(own: &[&Outcome]) -> String {
     let largest = |of: &dyn Fn(&Fragment) -> Option<f64>| fragments().filter_map(of).reduce(f64::max);
     let scales = largest(&|f| f.scales).map_or(MISSING.to_owned(), |ratio| format!("{ratio:.2}"));
     let off = largest(&|f| f.off).map_or(MISSING.to_owned(), |off| format!("{:.1} %", 100.0 * off));
-    let (said, unsaid) = (wrong(true), wrong(false));
+    let (reported, silent) = (wrong(true), wrong(false));
     format!(
-        "| {} | {} | {} | {unsaid} | {said} | {scales} | {off} |",
+        "| {} | {} | {} | {silent} | {reported} | {scales} | {off} |",
         own.len(),
         percent(posed),
         percent(together)
@@ -75,15 +75,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_row_counts_what_is_wrong_and_whether_it_was_said() {
+    fn a_row_counts_what_is_wrong_and_whether_it_was_reported() {
         let right = Fragment { frames: [80, 0], off: Some(0.01), scales: Some(1.1), ..Fragment::default() };
         let wrong = Fragment { frames: [10, 10], joins_places: true, ..Fragment::default() };
-        let outcome = |is_said, fragments| Outcome {
+        let outcome = |is_reported, fragments| Outcome {
             kind: Kind::TurnsFirst,
             seed: 1,
             visible: 100,
             fragments,
-            is_said,
+            is_reported,
         };
         let outcomes =
             [outcome(false, vec![right]), outcome(true, vec![right, wrong]), outcome(false, vec![wrong])];

@@ -25,9 +25,11 @@ pub(super) fn has_two_motions(solution: &Solution, starts: &[Vec<Se3>], params: 
     let (first, rest): (Vec<usize>, Vec<usize>) =
         (0..problem.points.len()).partition(|&i| agrees(&problem.points[i], &squared, limit));
     // What stays in the image is learnt to move with the camera, and left out (`crate::mask`).
-    let least_way = f64::from(params.bootstrap.min_parallax) * problem.camera.width as f64;
-    let rest: Vec<usize> =
-        rest.into_iter().filter(|&i| way(problem, &problem.points[i]) >= least_way).collect();
+    let least_displacement = f64::from(params.bootstrap.min_parallax) * problem.camera.width as f64;
+    let rest: Vec<usize> = rest
+        .into_iter()
+        .filter(|&i| displacement(problem, &problem.points[i]) >= least_displacement)
+        .collect();
     let least = f64::from(params.track.max_rival);
     let is_many = |count: usize| {
         count >= params.keyframes.min_matched && count as f64 >= least * (first.len() + count) as f64
@@ -47,7 +49,7 @@ fn agrees(point: &WindowPoint, squared: &[f64], limit: f64) -> bool {
 }
 
 /// How far from where the first frame shows it a point is seen at the most, pixels.
-fn way(problem: &Problem, point: &WindowPoint) -> f64 {
+fn displacement(problem: &Problem, point: &WindowPoint) -> f64 {
     let own = problem.camera.project(&point.ray);
     let seen = problem.observations[point.observations.clone()].iter().map(|seen| seen.pixel);
     seen.map(|[x, y]| (x - own.x).hypot(y - own.y)).fold(0.0, f64::max)
