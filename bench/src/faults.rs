@@ -1,14 +1,13 @@
 //! What becomes of a run to which something happens: recordings with faults rendered, and mapped by the program.
 
-use crate::measure::{Runner, finish, make_empty};
+use crate::measure::Runner;
+use crate::rendering;
 use crate::report::{MISSING, length, number};
-use anyhow::{Context, Result};
-use eval::{DEFAULT_MAX_DIFF, Options, Pose, Trajectory, evaluate, read_trajectory};
-use loopbox_tests::Encoding;
+use anyhow::Result;
+use eval::{DEFAULT_MAX_DIFF, Options, Pose, Trajectory, evaluate};
 use loopbox_tests::faults::{Fault, Faulty, Shows, faulty};
 use std::fmt::Write;
 use std::path::Path;
-use std::process::Command;
 
 /// A recording and what came of it.
 pub struct Outcome {
@@ -64,15 +63,9 @@ fn label(fault: Fault) -> &'static str {
 
 fn measure_one(runner: &Runner, fault: Fault, seed: u64) -> Result<Outcome> {
     let folder = runner.work.join("faults").join(format!("{}-{seed}", label(fault)));
-    let (source, out) = (folder.join("recording"), folder.join("out"));
-    make_empty(&out)?;
     let made = faulty(fault, seed);
-    let written = made.recording.write(&source, Encoding::Jpeg);
-    written.with_context(|| format!("{}: cannot be written", source.display()))?;
-    finish(Command::new(&runner.loopbox).arg("run").arg(&source).arg("--out").arg(&out).arg("--quiet"))?;
-    let outcome = judge(fault, seed, &made, &out)?;
-    std::fs::remove_dir_all(&source).with_context(|| format!("{}", source.display()))?;
-    Ok(outcome)
+    let out = rendering::run(runner, &made.recording, &folder)?;
+    judge(fault, seed, &made, &out)
 }
 
 /// Compares the trajectories of a run with the truth.
@@ -90,11 +83,8 @@ fn judge(fault: Fault, seed: u64, made: &Faulty, out: &Path) -> Result<Outcome> 
         ate: None,
         others: None,
     };
-    let names =
-        std::iter::once("trajectory.txt".to_owned()).chain((2..).map(|i| format!("trajectory-{i}.txt")));
     let mut maps = Vec::new();
-    for path in names.map(|name| out.join(name)).take_while(|path| path.is_file()) {
-        let trajectory = read_trajectory(&path)?;
+    for trajectory in rendering::trajectories(out)? {
         let true_states = true_states(made, &trajectory);
         let of = |wanted: Shows| true_states.iter().filter(|shows| **shows == wanted).count();
         outcome.posed += of(Shows::Place) + of(Shows::Elsewhere);
@@ -114,11 +104,7 @@ fn judge(fault: Fault, seed: u64, made: &Faulty, out: &Path) -> Result<Outcome> 
 /// What the frames of a trajectory show.
 fn true_states(made: &Faulty, trajectory: &Trajectory) -> Vec<Shows> {
     let times = trajectory.timestamps.iter().flatten();
-    let at = |time: &f64| {
-        let shots = made.recording.shots.iter().zip(&made.shows);
-        shots.min_by(|a, b| (a.0.timestamp - time).abs().total_cmp(&(b.0.timestamp - time).abs()))
-    };
-    times.filter_map(|time| at(time).map(|(_, shows)| *shows)).collect()
+    times.filter_map(|time| Some(made.shows[rendering::nearest(&made.recording.shots, *time)?])).collect()
 }
 
 /// Error of a trajectory over the frames in which there is something to see, metres.

@@ -12,6 +12,7 @@ mod live;
 mod measure;
 mod merging;
 mod perturbed;
+mod rendering;
 mod report;
 mod side_by_side;
 mod similar_places;

@@ -8,7 +8,6 @@ mod rendered;
 
 use backend::verdict::PieceKind;
 use loopbox_tests::doubles::{Kind, Version};
-use loopbox_tests::with_noise;
 use map::{KeyframeId, Map};
 use merge::further::FurtherParams;
 use merge::key_points::KeyPointParams;
@@ -18,7 +17,6 @@ use merge::verification::{Place, TestedPlace, VerificationParams, meet};
 use place_recog::features::{SiftParams, sift};
 use place_recog::{FeatureWords, KeyframeFeatures, ProposeParams, Vocabulary, WordBag, propose};
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 const KEYFRAMES: usize = 8;
 
@@ -69,12 +67,7 @@ fn shares(variable: &str, usual: &[f64]) -> Vec<f64> {
 }
 
 fn map(kind: Kind, version: &Version, pass: u64, noise: f64) -> Map {
-    let mut map = rendered::rendered_map(&kind.world(version), &kind.path(pass, KEYFRAMES));
-    for (id, keyframe) in &mut map.keyframes {
-        let seed = 1 + pass * 1000 + u64::from(id.0);
-        keyframe.image = Arc::new(with_noise(&keyframe.image, noise, seed));
-    }
-    map
+    rendered::noisy_map(&kind.world(version), &kind.path(pass, KEYFRAMES), (noise, pass))
 }
 
 /// The features of all keyframes of a map.

@@ -19,8 +19,7 @@ use backend::params;
 use follow::Track;
 use geometry::sensor::Sensor;
 use geometry::{Pinhole, Pyramid, Se3};
-use rival::has_two_motions;
-use solve::{Solution, acceptable};
+use solve::acceptable;
 
 pub(crate) use pure_rotation::Turned;
 
@@ -154,13 +153,13 @@ impl Bootstrap {
         }
         let solution = self.solve(&pure_rotation, all_params.mapping.readout_sigma);
         let solution = solution.filter(|solution| acceptable(&solution.problem, params));
-        let is_split =
-            |solution: &Solution| has_two_motions(solution, &self.initial_poses(&pure_rotation), all_params);
         match solution {
-            Some(solution) if is_split(&solution) => match self.is_over(params) {
-                true => Progress::Restart(TWO_MOTIONS),
-                false => Progress::Waiting(TWO_MOTIONS),
-            },
+            Some(solution) if self.has_two_motions(&solution, &pure_rotation, all_params) => {
+                match self.is_over(params) {
+                    true => Progress::Restart(TWO_MOTIONS),
+                    false => Progress::Waiting(TWO_MOTIONS),
+                }
+            }
             Some(solution) => {
                 self.looked = parallax;
                 self.sensor = solution.sensor;

@@ -209,13 +209,11 @@ impl Odometry {
         }
         self.insert(sweep, &motion);
         Registration {
-            motion,
             information: Matrix6::identity() * 1e6,
             inlier_share: 1.0,
             known_share: 1.0,
             support: 1.0,
-            rmse: 0.0,
-            steps: 0,
+            ..Registration::unknown(motion)
         }
     }
 

@@ -1,9 +1,8 @@
 //! Recordings of a camera that is covered while it passes a place, and uncovered there or in a double of the place.
 
 use crate::doubles::{Kind, Version};
-use crate::{Recording, Shot, World, with_noise};
+use crate::{Recording, Shot, World};
 use geometry::{GrayImage, Se3};
-use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Frames a second.
@@ -67,10 +66,5 @@ pub fn covered(kind: Kind, seed: u64, uncovered: Uncovered, grain: f32) -> Recor
 
 /// Frames on a path, with noise, without time stamps.
 fn noisy(world: &World, path: &[Se3], seed: u64) -> Vec<Shot> {
-    let mut shots = Recording::render(world, Recording::SMALL_CAMERA, path, RATE).shots;
-    shots.par_iter_mut().enumerate().for_each(|(i, shot)| {
-        let seed = seed.wrapping_mul(0x2545_f491).wrapping_add(i as u64);
-        shot.image = Arc::new(with_noise(&shot.image, NOISE, seed));
-    });
-    shots
+    Recording::render(world, Recording::SMALL_CAMERA, path, RATE).with_noise(NOISE, seed).shots
 }

@@ -22,6 +22,7 @@ pub mod proxy;
 mod recording;
 mod render;
 pub mod robot;
+pub mod scale;
 pub mod similar_places;
 mod texture;
 pub mod trajectory;

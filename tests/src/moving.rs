@@ -1,6 +1,6 @@
 //! Recordings in which something moves before the camera: a board that is carried past, a person, a lorry, a lorry that drives off.
 
-use crate::{Cuboid, Recording, Shot, Texture, World, render, trajectory, with_noise};
+use crate::{Cuboid, Recording, Shot, Texture, World, render, trajectory};
 use geometry::{Random, Se3};
 use nalgebra::{UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -56,16 +56,12 @@ pub fn moving(mover: Mover, coverage: f64, seed: u64) -> Moving {
         let still = render(&world, &camera, pose).0;
         let seen = render(&with(&world, &part, i), &camera, pose).0;
         let other = still.data().iter().zip(seen.data()).filter(|(a, b)| a != b).count();
-        let shot = Shot {
-            timestamp: i as f64 / RATE,
-            world_from_camera: *pose,
-            image: Arc::new(with_noise(&seen, NOISE, seed.wrapping_mul(0x2545_f491).wrapping_add(i as u64))),
-        };
+        let shot = Shot { timestamp: i as f64 / RATE, world_from_camera: *pose, image: Arc::new(seen) };
         (shot, other as f64 / still.data().len() as f64)
     };
     let frames: Vec<(Shot, f64)> = path.par_iter().enumerate().map(frame).collect();
     let (shots, covered) = frames.into_iter().unzip();
-    Moving { recording: Recording { camera, shots }, covered }
+    Moving { recording: Recording { camera, shots }.with_noise(NOISE, seed), covered }
 }
 
 /// What moves: boxes of one texture about a place that moves.

@@ -1,6 +1,6 @@
 //! Recordings: rendered frames, and their files in loopbox's folder format.
 
-use crate::{World, render};
+use crate::{World, render, with_noise};
 use geometry::{GrayImage, Pinhole, Se3};
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder, codecs::png};
 use rayon::prelude::*;
@@ -108,6 +108,16 @@ impl Recording {
         };
         recording.shots.par_iter_mut().enumerate().for_each(rolled);
         recording
+    }
+
+    /// The same with normally distributed noise of this standard deviation, grey levels, another in each frame; another seed gives other noise.
+    #[must_use]
+    pub fn with_noise(mut self, deviation: f64, seed: u64) -> Self {
+        self.shots.par_iter_mut().enumerate().for_each(|(i, shot)| {
+            let seed = seed.wrapping_mul(0x2545_f491).wrapping_add(i as u64);
+            shot.image = Arc::new(with_noise(&shot.image, deviation, seed));
+        });
+        self
     }
 
     /// Length of the camera's path, metres.

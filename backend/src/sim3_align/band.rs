@@ -185,20 +185,23 @@ mod tests {
         let (width, height) = (40, 30);
         let noise = |i: usize| 3.0 * ((((i * 7919) % 101) as f32 / 50.0) - 1.0);
         let step = |i: usize| if i % width < 17 { 0.0 } else { 60.0 };
-        let found = |with: f32| {
+        let found = |with: f32, params: &GrainParams| {
             let grey: Vec<f32> = (0..width * height).map(|i| 100.0 + noise(i) + with * step(i)).collect();
             let means = box_means(&grey, width, height, 4);
-            grain(&grey, &means, width, &GrainParams::default())
+            grain(&grey, &means, width, params)
         };
-        let radius = GrainParams::default().radius;
-        let (plain, beside) = (found(0.0), found(1.0));
-        assert!(plain.iter().all(|value| !value.is_nan()));
-        for i in 0..width * height {
-            let from_step = (i % width).abs_diff(17).min((i % width).abs_diff(16));
-            assert_eq!(beside[i].is_nan(), from_step <= 2, "{i}");
-            // Means that do not reach what is left out are the same.
-            assert!(from_step <= 2 + radius || (plain[i] - beside[i]).abs() < 1e-4, "{i}");
-            assert!(beside[i].is_nan() || beside[i].abs() < 7.0, "{i}");
+        let (usual, narrow) = (GrainParams::default(), GrainParams { radius: 3, ..GrainParams::default() });
+        let reach = 2 + usual.radius;
+        for (params, reach) in [(narrow, 5), (usual, reach)] {
+            let (plain, beside) = (found(0.0, &params), found(1.0, &params));
+            assert!(plain.iter().all(|value| !value.is_nan()));
+            for i in 0..width * height {
+                let from_step = (i % width).abs_diff(17).min((i % width).abs_diff(16));
+                assert_eq!(beside[i].is_nan(), from_step <= 2, "{i}");
+                // Means that do not reach what is left out are the same.
+                assert!(from_step <= reach || (plain[i] - beside[i]).abs() < 1e-4, "{i}");
+                assert!(beside[i].is_nan() || beside[i].abs() < 7.0, "{i}");
+            }
         }
     }
 }

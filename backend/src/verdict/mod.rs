@@ -20,7 +20,7 @@
 
 mod weigh;
 
-pub use weigh::{Weighed, explained, weigh};
+pub use weigh::{Weighed, explained, ln_ratio, weigh};
 
 use crate::params;
 use serde::{Deserialize, Serialize};

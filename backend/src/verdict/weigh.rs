@@ -27,13 +27,8 @@ pub struct Weighed {
 /// Without pieces the ratio is 0.
 pub fn weigh(pieces: &[Piece], prior: &Prior) -> Weighed {
     let model = Model::new(prior);
-    // In one order, so that sums do not depend on the order of the pieces.
-    let mut order: Vec<usize> = (0..pieces.len()).filter(|&i| is_measured(&pieces[i])).collect();
-    order.sort_by(|&a, &b| compare(&pieces[a], &pieces[b]));
-    let mut sums = Sums::new(model.grid.len());
-    for piece in order.iter().map(|&i| &pieces[i]) {
-        sums.add(piece, &model, 1.0);
-    }
+    let order = ordered(pieces);
+    let sums = Sums::of(order.iter().map(|&i| &pieces[i]), &model);
     let ln_ratio = if order.is_empty() { 0.0 } else { model.ln_ratio(&sums) };
     let mut parts = vec![0.0; pieces.len()];
     for &i in &order {
@@ -52,6 +47,19 @@ pub fn weigh(pieces: &[Piece], prior: &Prior) -> Weighed {
         changed,
         pieces: pieces.iter().copied().zip(parts).collect(),
     }
+}
+
+/// The `ln_ratio` of pieces weighed together, alone.
+pub fn ln_ratio(pieces: &[Piece], prior: &Prior) -> f64 {
+    let (model, order) = (Model::new(prior), ordered(pieces));
+    if order.is_empty() { 0.0 } else { model.ln_ratio(&Sums::of(order.iter().map(|&i| &pieces[i]), &model)) }
+}
+
+/// The pieces that are measured, in one order, so that sums do not depend on the order in which they are given.
+fn ordered(pieces: &[Piece]) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..pieces.len()).filter(|&i| is_measured(&pieces[i])).collect();
+    order.sort_by(|&a, &b| compare(&pieces[a], &pieces[b]));
+    order
 }
 
 /// `ln p(all pieces | one place) − ln p(all | unrelated surfaces)`: of poses between the same two maps, the one at which this is more
@@ -80,9 +88,13 @@ struct Sums {
 }
 
 impl Sums {
-    fn new(count: usize) -> Self {
-        let zeros = vec![0.0; count];
-        Self { all: zeros.clone(), shapes: zeros.clone(), looks: zeros, count: 0.0, wear: 0.0 }
+    fn of<'a>(pieces: impl Iterator<Item = &'a Piece>, model: &Model) -> Self {
+        let zeros = vec![0.0; model.grid.len()];
+        let none = Self { all: zeros.clone(), shapes: zeros.clone(), looks: zeros, count: 0.0, wear: 0.0 };
+        pieces.fold(none, |mut sums, piece| {
+            sums.add(piece, model, 1.0);
+            sums
+        })
     }
 
     /// Adds a piece, or takes it off by the sign −1.
@@ -263,6 +275,7 @@ mod tests {
         let (one, any) = (agree / (agree + 30.0), 1.0 / 31.0);
         let expected = ((0.98 * one + 0.02 * any) / (0.2 * one + 0.8 * any)).ln();
         assert!((ln_ratio(&pieces, 0.0) - expected).abs() < 0.01);
+        assert_eq!(super::ln_ratio(&pieces, &Prior::default()), ln_ratio(&pieces, 0.0));
         // Shapes are no copies.
         let shapes: Vec<Piece> =
             pieces.iter().map(|piece| Piece { kind: PieceKind::Shape, ..*piece }).collect();
@@ -279,6 +292,9 @@ mod tests {
                 assert!(ratios.windows(2).all(|pair| pair[1] <= pair[0] + 1e-9), "{n} {days}: {ratios:?}");
             }
         }
+        let own = Prior { copied: 0.0, ..Prior::default() };
+        let answer = |other: usize| weigh(&looks(100 - other, other), &own).answer;
+        assert_eq!([0, 10, 90].map(answer), [Answer::Same, Answer::CannotTell, Answer::CannotTell]);
         let answer = |other: usize| weigh(&looks(100 - other, other), &Prior::default()).answer;
         assert_eq!([0, 10, 90].map(answer), [Answer::CannotTell; 3]);
     }
@@ -325,6 +341,13 @@ mod tests {
         let other = weigh(&looks(0, 300), &prior).ln_ratio;
         let least = prior.rearranged.ln() - (1.0 - prior.copied).ln();
         assert!((other - least).abs() < 0.1, "{other}");
+        // Where no place is a copy of another.
+        let prior = Prior { copied: 0.0, ..prior };
+        let most = prior.changed().recip().ln() - prior.printed.ln();
+        let found = weigh(&worn, &prior).ln_ratio;
+        assert!(found > most - 1.5 && found <= most, "{found} of {most}");
+        let other = weigh(&looks(0, 300), &prior).ln_ratio;
+        assert!((other - prior.rearranged.ln()).abs() < 0.1, "{other}");
     }
 
     /// A pose at which more is alike explains more, one at which things differ besides explains less, and at the best much is alike.

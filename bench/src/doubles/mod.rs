@@ -16,11 +16,9 @@ use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result, bail};
 use geometry::Sim3;
 use loopbox_tests::doubles::{Kind, Version};
-use loopbox_tests::with_noise;
 use map::save_map;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 
 /// Keyframes of a way past a place.
 const KEYFRAMES: usize = 8;
@@ -132,11 +130,7 @@ fn of_place(plan: &Plan, kind: Kind, grain: f32, number: u64) -> Result<Vec<Pair
 
 /// The map of a way past a place, in a file.
 fn map(kind: Kind, version: &Version, pass: u64, file: &Path) -> Result<PathBuf> {
-    let mut map = rendered::rendered_map(&kind.world(version), &kind.path(pass, KEYFRAMES));
-    for (id, keyframe) in &mut map.keyframes {
-        let seed = 1 + pass * 1000 + u64::from(id.0);
-        keyframe.image = Arc::new(with_noise(&keyframe.image, NOISE, seed));
-    }
+    let map = rendered::noisy_map(&kind.world(version), &kind.path(pass, KEYFRAMES), (NOISE, pass));
     if let Some(folder) = file.parent() {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }

@@ -6,8 +6,7 @@ use loopbox_tests::covered::{AFTER, BEFORE, COVERED, Uncovered, covered};
 use loopbox_tests::doubles::Kind as Place;
 use loopbox_tests::moving::{Mover, moving};
 use loopbox_tests::robot::Drive;
-use loopbox_tests::{Recording, World, trajectory, with_noise};
-use std::sync::Arc;
+use loopbox_tests::{Recording, World, trajectory};
 
 /// Shares of the image that what moves covers.
 const COVERAGES: [f64; 2] = [0.3, 0.6];
@@ -127,11 +126,7 @@ fn turns_first(seed: u64) -> Recording {
     let angle = if seed.is_multiple_of(2) { 0.9 } else { -0.9 };
     let there = trajectory::turning(walk[0], turning / 2, angle);
     let path: Vec<Se3> = there.iter().chain(there.iter().rev()).chain(&walk).copied().collect();
-    let mut recording = Recording::render(&World::yard(seed), Recording::SMALL_CAMERA, &path, rate);
-    for (i, shot) in recording.shots.iter_mut().enumerate() {
-        shot.image = Arc::new(with_noise(&shot.image, NOISE, seed.wrapping_mul(0x2545_f491) + i as u64));
-    }
-    recording
+    Recording::render(&World::yard(seed), Recording::SMALL_CAMERA, &path, rate).with_noise(NOISE, seed)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use eval::{AlignMode, Associated, Pose, align};
 use geometry::Sim3;
+use loopbox_tests::scale::{FoundAt, scale_ratio, spread};
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// What there is to see in a frame.
@@ -13,15 +14,10 @@ pub enum Seen {
     Nothing,
 }
 
-/// Seconds over which a scale is measured.
-const STRETCH: f64 = 3.0;
-/// Seconds from one stretch to the next.
-const STEP: f64 = 0.5;
 /// Seconds that the frames of a fragment last, at least, for it to be right or wrong.
 const LEAST: f64 = 0.5;
-/// Metres that a camera goes in a fragment, or spreads in a stretch, for its scale to be known.
+/// Metres that a camera goes in a fragment, at least, for it to be off.
 const LEAST_PATH: f64 = 0.2;
-const LEAST_SPREAD: f64 = 0.05;
 /// Share of its path by which a fragment is off at most and right, and how far two scales in it may lie apart.
 const OFF: f64 = 0.05;
 const SCALES: f64 = 1.5;
@@ -102,27 +98,8 @@ fn along_a_line(pairs: &Associated) -> Option<Sim3> {
 
 /// Largest ratio of the scales of two stretches, each over the truth.
 fn scales(posed: &[Posed], rate: f64) -> Option<f64> {
-    let (first, last) = (posed.first()?.time, posed.last()?.time);
-    let scale = |begin: f64| {
-        let own = posed.iter().filter(|p| (begin..begin + STRETCH).contains(&p.time));
-        let (found, truth): (Vec<_>, Vec<_>) =
-            own.map(|p| (p.found.translation, p.truth.translation)).unzip();
-        let is_enough = found.len() as f64 > 0.5 * STRETCH * rate && spread(&truth) > LEAST_SPREAD;
-        is_enough.then(|| spread(&found) / spread(&truth))
-    };
-    let begins =
-        (0..).map(|i| first + STEP * f64::from(i)).take_while(|begin| begin + STRETCH <= last + STEP);
-    let found: Vec<f64> = begins.filter_map(scale).collect();
-    let most = found.iter().copied().reduce(f64::max)?;
-    let least = found.iter().copied().reduce(f64::min)?;
-    Some(most / least)
-}
-
-/// Root mean square distance from the mean.
-fn spread(points: &[Vector3<f64>]) -> f64 {
-    let count = points.len() as f64;
-    let mean = points.iter().sum::<Vector3<f64>>() / count;
-    (points.iter().map(|p| (p - mean).norm_squared()).sum::<f64>() / count).sqrt()
+    let found = |p: &Posed| FoundAt { time: p.time, found: p.found.translation, truth: p.truth.translation };
+    scale_ratio(&posed.iter().map(found).collect::<Vec<_>>(), rate)
 }
 
 #[cfg(test)]

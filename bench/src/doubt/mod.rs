@@ -7,16 +7,16 @@ mod report;
 
 pub use report::section;
 
-use crate::measure::{Runner, finish, make_empty};
+use crate::measure::{Run, Runner};
+use crate::rendering;
 use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result, bail};
 use cases::{Case, Kind};
-use eval::{Pose, read_trajectory};
+use eval::Pose;
 use judge::{Fragment, Posed, Seen, judge};
-use loopbox_tests::{Encoding, Recording, Shot};
+use loopbox_tests::Recording;
 use serde_json::Value;
 use std::path::Path;
-use std::process::Command;
 
 /// What became of a recording.
 pub struct Outcome {
@@ -50,19 +50,15 @@ pub fn measure(runner: &Runner, seeds: &[u64], only: &[String]) -> Result<Vec<Ou
 
 fn measure_one(runner: &Runner, kind: Kind, seed: u64) -> Result<Outcome> {
     let home = runner.work.join("doubt").join(format!("{kind:?}-{seed}").replace([' ', '(', ')', ','], "-"));
-    let (source, out) = (home.join("recording"), home.join("out"));
-    make_empty(&out)?;
     let case = kind.recording(seed);
     let assumed = Recording { camera: case.assumed, shots: case.recording.shots.clone() };
-    let written = assumed.write(&source, Encoding::Jpeg);
-    written.with_context(|| format!("{}: cannot be written", source.display()))?;
-    finish(Command::new(&runner.loopbox).arg("run").arg(&source).arg("--out").arg(&out).arg("--quiet"))?;
+    let out = rendering::run(runner, &assumed, &home)?;
     let outcome = Outcome {
         kind,
         seed,
         visible: case.seen.iter().filter(|seen| **seen != Seen::Nothing).count(),
         fragments: fragments(&case, &out)?,
-        is_reported: is_reported(&out.join("run.json"))?,
+        is_reported: is_reported(&out)?,
     };
     std::fs::remove_dir_all(&home).with_context(|| format!("{}: cannot be removed", home.display()))?;
     Ok(outcome)
@@ -72,17 +68,14 @@ fn measure_one(runner: &Runner, kind: Kind, seed: u64) -> Result<Outcome> {
 fn fragments(case: &Case, out: &Path) -> Result<Vec<Fragment>> {
     let shots = &case.recording.shots;
     let rate = (shots.len() - 1) as f64 / (shots[shots.len() - 1].timestamp - shots[0].timestamp);
-    let names =
-        std::iter::once("trajectory.txt".to_owned()).chain((2..).map(|i| format!("trajectory-{i}.txt")));
     let mut fragments = Vec::new();
-    for path in names.map(|name| out.join(name)).take_while(|path| path.is_file()) {
-        let trajectory = read_trajectory(&path)?;
+    for trajectory in rendering::trajectories(out)? {
         let times = trajectory.timestamps.as_deref().unwrap_or_default();
         let posed: Vec<Posed> = times
             .iter()
             .zip(&trajectory.world_from_camera)
             .filter_map(|(time, found)| {
-                let frame = nearest(shots, *time)?;
+                let frame = rendering::nearest(shots, *time)?;
                 let truth = Pose::from(shots[frame].world_from_camera);
                 Some(Posed { seen: case.seen[frame], time: *time, truth, found: *found })
             })
@@ -92,17 +85,9 @@ fn fragments(case: &Case, out: &Path) -> Result<Vec<Fragment>> {
     Ok(fragments)
 }
 
-/// The frame of this time.
-fn nearest(shots: &[Shot], time: f64) -> Option<usize> {
-    let off = |i: &usize| (shots[*i].timestamp - time).abs();
-    (0..shots.len()).min_by(|a, b| off(a).total_cmp(&off(b)))
-}
-
 /// Whether a run says that tracking was lost, or that frames are doubtful.
-fn is_reported(record: &Path) -> Result<bool> {
-    let text = std::fs::read(record).with_context(|| format!("{}", record.display()))?;
-    let record: Value = serde_json::from_slice(&text).with_context(|| format!("{}", record.display()))?;
-    let count = |name: &str| record.pointer(&format!("/frames/{name}")).and_then(Value::as_u64);
-    let (losses, doubted) = (count("losses"), count("doubted"));
-    Ok(losses.context("run.json counts no losses")? + doubted.unwrap_or_default() > 0)
+fn is_reported(out: &Path) -> Result<bool> {
+    let run = Run::read(out, Value::Null)?;
+    let losses = run.record("/frames/losses").context("run.json counts no losses")?;
+    Ok(losses + run.record("/frames/doubted").unwrap_or_default() > 0.0)
 }

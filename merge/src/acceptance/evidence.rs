@@ -3,7 +3,7 @@
 use crate::closure::{Closure, PairOutcome};
 use crate::direct::DirectAlignment;
 use crate::further::Joined;
-use backend::verdict::{Answer, PieceKind, Prior, Weighed, weigh};
+use backend::verdict::{self, Answer, PieceKind, Prior, Weighed};
 use nalgebra::{SMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -99,7 +99,7 @@ impl PlaceEvidence {
         let pieces = weighed.pieces.iter().map(|(piece, _)| *piece);
         let things = pieces.clone().map(|piece| piece.things).sum();
         let others = pieces.filter(|piece| piece.kind != PieceKind::Wear).collect::<Vec<_>>();
-        let own = ln_ratio - weigh(&others, prior).ln_ratio;
+        let own = ln_ratio - verdict::ln_ratio(&others, prior);
         let (probability, needed) = (prior.probability(ln_ratio), prior.certainty);
         Self { answer, ln_ratio, probability, needed, changed, things, own }
     }

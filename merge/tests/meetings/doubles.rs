@@ -1,17 +1,15 @@
 //! Places that share what is made in numbers, and the same place after things were moved.
 
 use crate::merging::{PairResult, pair_result_after, reasons};
-use crate::rendered::rendered_map;
+use crate::rendered::{noisy_map, rendered_map};
 use backend::sim3_align::KeyframeView;
 use geometry::Pyramid;
 use loopbox_tests::doubles::{Kind, Version};
-use loopbox_tests::with_noise;
 use map::{Map, SemiDense};
 use merge::key_points::KeyPointParams;
 use merge::place_verdict::{Answer, PlaceParams, SeenFrame, frames_verdict};
 use merge::prepared::PreparedMap;
 use place_recog::KeyframeFeatures;
-use std::sync::Arc;
 
 /// An office of one plan with walls and boards that have a grain of their own.
 const HERE: Version = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 3.0 };
@@ -22,12 +20,7 @@ fn map(version: &Version, pass: u64) -> Map {
 
 /// The same of another kind, with noise of as many grey levels as cameras have.
 fn noisy(kind: Kind, version: &Version, pass: u64) -> Map {
-    let mut map = rendered_map(&kind.world(version), &kind.path(pass, 8));
-    for (id, keyframe) in &mut map.keyframes {
-        let seed = 1 + pass * 1000 + u64::from(id.0);
-        keyframe.image = Arc::new(with_noise(&keyframe.image, 1.5, seed));
-    }
-    map
+    noisy_map(&kind.world(version), &kind.path(pass, 8), (1.5, pass))
 }
 
 /// What both ways past two versions of an office make of each other so many days apart, whichever is looked for in the other.

@@ -1,7 +1,7 @@
 //! Maps with exact poses and depths, straight from the renderer.
 
 use geometry::{GrayImage, Se3, Sim3};
-use loopbox_tests::{Recording, World, render};
+use loopbox_tests::{Recording, World, render, with_noise};
 use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map, SemiDense};
 use nalgebra::SMatrix;
 use rayon::prelude::*;
@@ -46,6 +46,16 @@ pub fn rendered_map(world: &World, path: &[Se3]) -> Map {
         });
     }
     map.keyframes = keyframes.into_iter().map(|keyframe| (keyframe.id, keyframe)).collect();
+    map
+}
+
+/// The same with noise of this standard deviation in its images, grey levels; another `pass`, other noise.
+pub fn noisy_map(world: &World, path: &[Se3], (deviation, pass): (f64, u64)) -> Map {
+    let mut map = rendered_map(world, path);
+    for (id, keyframe) in &mut map.keyframes {
+        let seed = 1 + pass * 1000 + u64::from(id.0);
+        keyframe.image = Arc::new(with_noise(&keyframe.image, deviation, seed));
+    }
     map
 }
 

@@ -3,7 +3,6 @@
 //!
 //! The points of the start are followed further by themselves, so the result does not depend on the map.
 
-use super::rival::has_two_motions;
 use super::solve::{Solution, acceptable};
 use super::{Bootstrap, BootstrapParams, MIN_POINTS, SecondLook, Started};
 use crate::params::Params;
@@ -41,7 +40,7 @@ impl Bootstrap {
         let poses: Vec<Se3> = indices.map(frame_from_first).collect::<Option<_>>()?;
         self.looked = parallax;
         let solution = self.solve(&pure_rotation, params.mapping.readout_sigma)?;
-        if has_two_motions(&solution, &self.initial_poses(&pure_rotation), params) {
+        if self.has_two_motions(&solution, &pure_rotation, params) {
             return Some(SecondLook::TwoMotions);
         }
         let started = self.contradiction(&solution, &poses, pyramid, &params.bootstrap)?;

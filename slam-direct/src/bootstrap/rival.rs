@@ -3,44 +3,45 @@
 //! Two views cannot tell it, least of all where both move along one line: a lorry that passes a camera that is carried sideways has flow along the
 //! same epipolar lines as all else. As the points are followed further, a motion of their own shows in those that leave the solution.
 
-use super::solve::{Solution, agreement};
+use super::Bootstrap;
+use super::solve::{Solution, agreement, cheapest};
 use crate::params::Params;
-use crate::window::{Problem, WindowObservation, WindowPoint, solve};
+use crate::window::{Problem, WindowObservation, WindowPoint};
 use geometry::Se3;
-use rayon::prelude::*;
-
-/// Steps of the optimisation at most.
-const MAX_ITERATIONS: usize = 40;
 
 /// Least share of the points that leave a solution which a second one explains. What moves leaves 0.79 to 0.90 (rendered lorries that drive off); of
 /// still surroundings at most 0.64, for a shaken drone whose shutter is not known yet.
 const EXPLAINED: f64 = 0.7;
 
-/// Whether the points of a solution that disagree with it agree with another one, sought from these poses of its frames: both explain together most of
-/// the points, and the second one its share of them (`track.max_rival`).
-pub(super) fn has_two_motions(solution: &Solution, starts: &[Vec<Se3>], params: &Params) -> bool {
-    let problem = &solution.problem;
-    let squared = problem.squared_residuals();
-    let limit = agreement(&squared);
-    let (first, rest): (Vec<usize>, Vec<usize>) =
-        (0..problem.points.len()).partition(|&i| agrees(&problem.points[i], &squared, limit));
-    // What stays in the image is learnt to move with the camera, and left out (`crate::mask`).
-    let least_displacement = f64::from(params.bootstrap.min_parallax) * problem.camera.width as f64;
-    let rest: Vec<usize> = rest
-        .into_iter()
-        .filter(|&i| displacement(problem, &problem.points[i]) >= least_displacement)
-        .collect();
-    let least = f64::from(params.track.max_rival);
-    let is_many = |count: usize| {
-        count >= params.keyframes.min_matched && count as f64 >= least * (first.len() + count) as f64
-    };
-    if !is_many(rest.len()) {
-        return false;
+impl Bootstrap {
+    /// Whether the points of a solution that disagree with it agree with another one, which has its share of the points (`track.max_rival`) and explains
+    /// most of what the first leaves. It is sought from the first one's poses and from those that the first one was sought from.
+    pub(super) fn has_two_motions(&self, solution: &Solution, pure_rotation: &Se3, params: &Params) -> bool {
+        let problem = &solution.problem;
+        let squared = problem.squared_residuals();
+        let limit = agreement(&squared);
+        let (first, rest): (Vec<usize>, Vec<usize>) =
+            (0..problem.points.len()).partition(|&i| agrees(&problem.points[i], &squared, limit));
+        // What stays in the image is learnt to move with the camera, and left out (`crate::mask`).
+        let least_displacement = f64::from(params.bootstrap.min_parallax) * problem.camera.width as f64;
+        let rest: Vec<usize> = rest
+            .into_iter()
+            .filter(|&i| displacement(problem, &problem.points[i]) >= least_displacement)
+            .collect();
+        let least = f64::from(params.track.max_rival);
+        let is_many = |count: usize| {
+            count >= params.keyframes.min_matched && count as f64 >= least * (first.len() + count) as f64
+        };
+        if !is_many(rest.len()) {
+            return false;
+        }
+        let mut starts = vec![problem.frames[1..].to_vec()];
+        starts.extend(self.initial_poses(pure_rotation));
+        let Some((_, second)) = cheapest(&starts, |poses| part(problem, &rest, poses)) else { return false };
+        let squared = second.squared_residuals();
+        let explained = second.points.iter().filter(|point| agrees(point, &squared, limit)).count();
+        is_many(explained) && explained as f64 >= EXPLAINED * rest.len() as f64
     }
-    let second = second(problem, &rest, starts);
-    let squared = second.squared_residuals();
-    let explained = second.points.iter().filter(|point| agrees(point, &squared, limit)).count();
-    is_many(explained) && explained as f64 >= EXPLAINED * rest.len() as f64
 }
 
 /// Whether all observations of a point lie where a solution has them. Where it does not say how far away the point is, as that of a star, it agrees too.
@@ -53,17 +54,6 @@ fn displacement(problem: &Problem, point: &WindowPoint) -> f64 {
     let own = problem.camera.project(&point.ray);
     let seen = problem.observations[point.observations.clone()].iter().map(|seen| seen.pixel);
     seen.map(|[x, y]| (x - own.x).hypot(y - own.y)).fold(0.0, f64::max)
-}
-
-/// The solution of some of a problem's points alone that costs least.
-fn second(problem: &Problem, of: &[usize], starts: &[Vec<Se3>]) -> Problem {
-    let from = |poses: &[Se3]| {
-        let mut part = part(problem, of, poses);
-        (solve(&mut part, MAX_ITERATIONS), part)
-    };
-    let others: Vec<(f64, Problem)> = starts.par_iter().map(|poses| from(poses)).collect();
-    let own = from(&problem.frames[1..]);
-    others.into_iter().fold(own, |best, other| if other.0 < best.0 { other } else { best }).1
 }
 
 /// Some of a problem's points, and its frames at these poses but for the first.

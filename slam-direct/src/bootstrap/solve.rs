@@ -203,19 +203,15 @@ impl Bootstrap {
         sigma: [f64; UNKNOWNS],
     ) -> Option<Solution> {
         let chosen = self.chosen();
-        let solved: Vec<Solution> = initial_poses
-            .par_iter()
-            .map(|poses| {
-                let mut problem = self.problem_of(&chosen, poses, 1.0, sensor, sigma);
-                if sigma == [0.0; UNKNOWNS] {
-                    problem.calibration = None;
-                }
-                let cost = solve(&mut problem, MAX_ITERATIONS);
-                let sensor = problem.calibration.take().map_or(*sensor, |calibration| calibration.sensor);
-                Solution { cost, problem, sensor }
-            })
-            .collect();
-        solved.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+        let (cost, mut problem) = cheapest(initial_poses, |poses| {
+            let mut problem = self.problem_of(&chosen, poses, 1.0, sensor, sigma);
+            if sigma == [0.0; UNKNOWNS] {
+                problem.calibration = None;
+            }
+            problem
+        })?;
+        let sensor = problem.calibration.take().map_or(*sensor, |calibration| calibration.sensor);
+        Some(Solution { cost, problem, sensor })
     }
 
     /// What is left when the poses of the chosen frames are held and the depths fit them best.
@@ -272,6 +268,19 @@ impl Bootstrap {
     pub(super) fn followed(&self) -> Vec<usize> {
         self.seen_in(self.frames.len() - 1).collect()
     }
+}
+
+/// The solution that costs least, and its cost, of the problems that are made of these poses.
+pub(super) fn cheapest<P: AsRef<[Se3]> + Sync>(
+    starts: &[P],
+    problem: impl Fn(&[Se3]) -> Problem + Sync,
+) -> Option<(f64, Problem)> {
+    let solved = |poses: &P| {
+        let mut problem = problem(poses.as_ref());
+        (solve(&mut problem, MAX_ITERATIONS), problem)
+    };
+    let solved: Vec<(f64, Problem)> = starts.par_iter().map(solved).collect();
+    solved.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// The pose of frame 1 of `problem` that agrees best with where it sees the points, their depths held;

@@ -3,7 +3,7 @@
 
 use super::*;
 use loopbox_tests::robot::{Drive, RATE};
-use nalgebra::Vector3;
+use loopbox_tests::scale::{FoundAt, scale_ratio};
 
 /// What the tracker makes of a drive: the reports and the fragments' maps.
 fn track(drive: &Drive) -> (Vec<FrameReport>, Vec<Map>) {
@@ -24,32 +24,14 @@ fn track(drive: &Drive) -> (Vec<FrameReport>, Vec<Map>) {
 
 /// Largest ratio of the scales of two stretches of three seconds of a map, each over the truth.
 fn worst_ratio(drive: &Drive, map: &Map) -> f64 {
-    const STRETCH: u64 = (3.0 * RATE) as u64;
     let truth = drive.path();
-    let poses: Vec<(u64, Vector3<f64>)> = map
-        .frames
-        .iter()
-        .map(|frame| frame.frame_index)
-        .zip(map.trajectory().iter().map(|pose| pose.world_from_camera.translation))
-        .collect();
-    let scale = |first: u64| {
-        let own = poses.iter().filter(|(i, _)| (first..first + STRETCH).contains(i));
-        let (found, exact): (Vec<_>, Vec<_>) =
-            own.map(|(i, found)| (*found, truth[*i as usize].translation)).unzip();
-        // Of a turn on the spot alone nothing is said.
-        let is_enough = found.len() as u64 > STRETCH / 2 && spread(&exact) > 0.05;
-        is_enough.then(|| spread(&found) / spread(&exact))
+    let found = |(frame, pose): (&map::FramePose, map::StampedPose)| FoundAt {
+        time: frame.frame_index as f64 / RATE,
+        found: pose.world_from_camera.translation,
+        truth: truth[frame.frame_index as usize].translation,
     };
-    let scales: Vec<f64> = (0..truth.len() as u64 - STRETCH).step_by(5).filter_map(scale).collect();
-    let (least, most) = scales.iter().fold((f64::INFINITY, 0.0f64), |(l, m), s| (l.min(*s), m.max(*s)));
-    most / least
-}
-
-/// Root mean square distance from the mean.
-fn spread(points: &[Vector3<f64>]) -> f64 {
-    let count = points.len() as f64;
-    let mean = points.iter().sum::<Vector3<f64>>() / count;
-    (points.iter().map(|p| (p - mean).norm_squared()).sum::<f64>() / count).sqrt()
+    let frames: Vec<FoundAt> = map.frames.iter().zip(map.trajectory()).map(found).collect();
+    scale_ratio(&frames, RATE).expect("it goes somewhere")
 }
 
 /// Nothing of the cupboard is in view after the turn: the map ends there and says why, and another one begins.
