@@ -8,6 +8,7 @@
 //! [`MappingParams::lag`]: crate::mapping::MappingParams::lag
 
 mod across;
+mod before;
 mod claim;
 mod colors;
 mod common;
@@ -87,8 +88,10 @@ pub struct Agent {
     processed: u64,
     /// How dark images are brightened; the same for all frames of a map.
     tone: Option<Tone>,
-    /// Frames that came before the first map and are not in it.
+    /// Frames since the start was begun, which the map that comes of it, or of the next, may know.
     early: Vec<EarlyFrame>,
+    /// Those from before the first keyframe of the map, and of maps that it took in.
+    before_map: Vec<EarlyFrame>,
     /// What moves with the camera.
     learner: MaskLearner,
     /// Whether the map is of use, as far as its first keyframes have said.
@@ -160,6 +163,7 @@ impl Agent {
             processed: 0,
             tone: None,
             early: Vec::new(),
+            before_map: Vec::new(),
             learner: MaskLearner::default(),
             map_quality: MapQuality::Open,
             provisional: None,
@@ -201,7 +205,7 @@ impl Agent {
         let (is_new, is_open) = (self.learner.is_new(), self.map_quality == MapQuality::Open);
         // Copies share what is made of an image.
         let seen = pyramid.clone();
-        if is_new || is_open || !matches!(self.state, State::Running(_)) {
+        if is_new || is_open || self.is_young() || !matches!(self.state, State::Running(_)) {
             self.keep_early(frame.timestamp, frame.index, pyramid.shared_base());
         }
         let report = match std::mem::replace(&mut self.state, State::Empty) {
@@ -224,8 +228,8 @@ impl Agent {
             Some(why) => self.begin_again(seen, frame.timestamp, frame.index, why),
             None => report,
         };
-        if (is_new || is_open) && matches!(self.state, State::Running(_)) {
-            self.drop_early();
+        if !self.early.is_empty() && matches!(self.state, State::Running(_)) {
+            self.end_early();
         }
         Ok(self.with_deltas(report))
     }
@@ -577,6 +581,7 @@ impl Agent {
                 loops.extend(closed.into_iter().filter_map(|closed| self.own_loop(closed)));
             }
             self.state = State::Running(tracker);
+            self.find_early(stop);
         }
         let (edges, first) = (self.edges(), self.others());
         publish::complete(&mut self.map, &self.view, first, edges.clone());
@@ -610,8 +615,8 @@ impl Agent {
     pub fn take_map(&mut self) -> Map {
         (self.state, self.mapper, self.pending_mapping, self.provisional) = (State::Empty, None, None, None);
         self.common = None;
-        (self.view, self.companions, self.early) =
-            (LocalMap::new(self.camera), Companions::new(), Vec::new());
+        (self.view, self.companions) = (LocalMap::new(self.camera), Companions::new());
+        (self.early, self.before_map) = (Vec::new(), Vec::new());
         std::mem::replace(&mut self.map, Map::new(self.camera))
     }
 

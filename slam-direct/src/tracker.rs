@@ -275,7 +275,7 @@ impl Tracker {
     /// time, and the rotation may have changed since.
     fn motion_to(&self, camera_from_world: &Se3, timestamp: f64, params: &Params) -> (Twist, f64) {
         let since = self.time.map_or(0.0, |before| timestamp - before);
-        let sigma = 0.5 * since * f64::from(params.track.rotation_change);
+        let sigma = 0.5 * since.abs() * f64::from(params.track.rotation_change);
         (self.mean_motion_to(camera_from_world, timestamp), sigma)
     }
 
@@ -366,16 +366,16 @@ impl Tracker {
         self.lost
     }
 
-    /// Seconds since the newest tracked frame; 0 where there is no such frame.
+    /// Seconds since the newest tracked frame, or until it where frames come backwards; 0 where there is no such frame.
     pub fn seconds_lost(&self, now: f64) -> f64 {
-        self.time.map_or(0.0, |tracked| now - tracked)
+        self.time.map_or(0.0, |tracked| (now - tracked).abs())
     }
 
     /// Whether a frame of this time comes at least `seconds` after the newest tracked one, and no motion bridges the
     /// gap: frames in between were lost, or none came for `PAUSE` seconds and for longer than the motion can be
     /// extrapolated.
     pub fn is_cut_off(&self, now: f64, seconds: f64) -> bool {
-        let (since, step) = (self.seconds_lost(now), self.mean_motion.1);
+        let (since, step) = (self.seconds_lost(now), self.mean_motion.1.abs());
         let is_gap = step > 0.0 && since > FARTHEST * step && since >= PAUSE;
         since >= seconds && (self.lost > 0 || is_gap)
     }

@@ -203,19 +203,33 @@ impl Agent {
 
     /// Decides on what is on trial by what there is, as no more comes; tells whether it is the place.
     pub(crate) fn decide_claim(&mut self) -> bool {
-        let Some(trial) = &mut self.trial else { return false };
-        let pending = trial.asked.take().map(|asked| asked.task.join());
-        let judge = self.judge.clone().filter(|_| trial.poses.len() >= FEWEST);
-        let is_same = pending.is_some_and(Answer::joins) || {
-            let claim = self.claimed_place();
-            judge.zip(claim).is_some_and(|(judge, claim)| judge.judge(&claim).joins())
-        };
+        let is_same = self.is_believed();
         if is_same {
             let trial_frames = self.accept_claim();
             self.insert_frames(self.map.frames.len(), trial_frames);
         }
         self.trial = None;
         is_same
+    }
+
+    /// Whether what is on trial is the place, by what there is.
+    fn is_believed(&mut self) -> bool {
+        let Some(trial) = &mut self.trial else { return false };
+        let pending = trial.asked.take().map(|asked| asked.task.join());
+        let judge = self.judge.clone().filter(|_| trial.poses.len() >= FEWEST);
+        pending.is_some_and(Answer::joins) || {
+            let claim = self.claimed_place();
+            judge.zip(claim).is_some_and(|(judge, claim)| judge.judge(&claim).joins())
+        }
+    }
+
+    /// The poses of frames that no motion leads to, in order of time, if they show the place; none otherwise.
+    pub(super) fn decided(&mut self, found: impl Iterator<Item = FoundFrame>) -> Vec<FramePose> {
+        let mut trial = Trial::new(0.0);
+        found.for_each(|found| trial.add(found));
+        self.trial = Some(trial);
+        let is_same = self.is_believed();
+        self.trial.take().filter(|_| is_same).map_or(Vec::new(), |trial| trial.poses)
     }
 
     /// The answer, where one is due.

@@ -10,23 +10,40 @@ use geometry::{GrayImage, Pyramid, Se3};
 use map::{FramePose, Map, MapDelta};
 use std::sync::Arc;
 
-/// A frame from before the first map, kept to be tracked backwards once there is one, and while that may be replaced.
+/// A frame from before the first map, kept until the map is finished, in which it is sought.
 pub(super) struct EarlyFrame {
-    timestamp: f64,
-    frame_index: u64,
-    image: Arc<GrayImage>,
+    pub timestamp: f64,
+    pub frame_index: u64,
+    pub image: Arc<GrayImage>,
 }
 
-/// Early frames kept at most: two seconds of video.
-const MAX_EARLY: usize = 60;
+/// Bytes of early images that are kept at most: eleven seconds of 640 × 480 pixels at 30 Hz, 3.6 of 1280 × 720.
+const MAX_EARLY: usize = 100 << 20;
 
 impl Agent {
-    /// Keeps a frame for [`track_early`](Self::track_early).
+    /// Keeps a frame for [`find_early`](Self::find_early).
     pub(super) fn keep_early(&mut self, timestamp: f64, frame_index: u64, image: Arc<GrayImage>) {
-        if self.early.len() == MAX_EARLY {
-            self.early.remove(0);
-        }
         self.early.push(EarlyFrame { timestamp, frame_index, image });
+        forget_oldest(&mut self.early);
+    }
+
+    /// The early frames of the map and of those that it took in, in order of time.
+    pub(super) fn take_early(&mut self) -> Vec<EarlyFrame> {
+        self.settle_early();
+        std::mem::take(&mut self.before_map)
+    }
+
+    /// Keeps the frames before the first keyframe, now that there will be no other.
+    fn settle_early(&mut self) {
+        let first = self.view.keyframes.first().map_or(0, |keyframe| keyframe.frame_index);
+        self.before_map.extend(self.early.drain(..).filter(|frame| frame.frame_index < first));
+    }
+
+    /// Takes over the early frames of an agent whose map was taken in.
+    pub(super) fn take_in_early(&mut self, mut other: Vec<EarlyFrame>) {
+        self.settle_early();
+        self.before_map.append(&mut other);
+        forget_oldest(&mut self.before_map);
     }
 
     /// Begins a start with this frame; `reason` says why there is no map yet if the image will do.
@@ -93,7 +110,7 @@ impl Agent {
         };
         match look {
             SecondLook::Over => {
-                self.drop_early();
+                self.end_early();
                 None
             }
             SecondLook::Nothing => {
@@ -141,7 +158,6 @@ impl Agent {
             self.view = update.view;
             self.apply_delta(update.delta);
         }
-        self.track_early();
         let last = self.view.keyframes[1].camera_from_world;
         let velocity = match frames.as_slice() {
             [.., before, newest] => newest.2 * before.2.inverse(),
@@ -157,31 +173,6 @@ impl Agent {
             matched_points: self.view.keyframes[1].seen.len(),
             ..FrameReport::of(TrackingState::Tracking)
         }
-    }
-
-    /// Tracks the frames before the first keyframe backwards from it, as far as they can be followed.
-    fn track_early(&mut self) {
-        let first = self.map.frames.first().map_or(0, |f| f.frame_index);
-        self.early.retain(|f| f.frame_index < first);
-        let start = self.view.keyframes[0].camera_from_world;
-        let time = self.view.keyframes[0].timestamp;
-        let mut tracker = Tracker::new(&self.view, 0, start, Se3::identity(), &self.params).at(time);
-        let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
-        let mut found = Vec::new();
-        for frame in self.early.iter().rev() {
-            let pyramid = Pyramid::new(frame.image.as_ref().clone(), self.params.align.pyramid_levels);
-            if tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params).is_none() {
-                break;
-            }
-            found.push(FramePose {
-                timestamp: frame.timestamp,
-                frame_index: frame.frame_index,
-                reference: LocalMap::id(0),
-                keyframe_from_frame: self.view.keyframe_from_frame(0, &tracker.last),
-            });
-        }
-        found.reverse();
-        self.map.frames.splice(0..0, found);
     }
 
     /// Whether a young map has proved useless: nothing that follows fits it.
@@ -223,11 +214,11 @@ impl Agent {
         self.begin(pyramid, timestamp, frame_index, why)
     }
 
-    /// Drops the frames from before the first map, once neither it nor what moves with the camera is in question.
-    pub(super) fn drop_early(&mut self) {
+    /// Keeps the frames from before the first map alone, once neither it nor what moves with the camera is in question.
+    pub(super) fn end_early(&mut self) {
         let is_open = self.learner.is_new() || self.map_quality == MapQuality::Open;
-        if self.provisional.is_none() && !is_open {
-            self.early.clear();
+        if self.provisional.is_none() && !is_open && !self.is_young() {
+            self.settle_early();
         }
     }
 
@@ -241,6 +232,7 @@ impl Agent {
 
     /// Drops the map to start anew.
     fn forget(&mut self) {
+        self.early.splice(0..0, std::mem::take(&mut self.before_map));
         let agents = std::mem::take(&mut self.map.agents);
         self.map = Map { agents, ..Map::new(self.camera) };
         self.next_sequence = 0;
@@ -258,4 +250,14 @@ impl Agent {
         self.map_quality = MapQuality::Open;
         self.learner.change_world();
     }
+}
+
+/// Leaves out the oldest frames until the others have room.
+fn forget_oldest(early: &mut Vec<EarlyFrame>) {
+    let mut bytes: usize = early.iter().map(|frame| frame.image.data().len()).sum();
+    early.retain(|frame| {
+        let is_kept = bytes <= MAX_EARLY;
+        bytes -= if is_kept { 0 } else { frame.image.data().len() };
+        is_kept
+    });
 }

@@ -146,8 +146,9 @@ impl Agent {
     }
 
     /// Goes on from where `other` is, whose keyframes came behind the `count` of this agent.
-    fn go_on_for(&mut self, other: Agent, mapper: Box<Mapper>, update: Update, count: usize) {
+    fn go_on_for(&mut self, mut other: Agent, mapper: Box<Mapper>, update: Update, count: usize) {
         self.mapper = Some(mapper);
+        self.take_in_early(other.take_early());
         // Who was joined was tracking.
         let State::Running(mut tracker) = other.state else { return };
         let before = Before::of(&other.view, tracker.reference);

@@ -388,3 +388,31 @@ fn what_cannot_be_worked_with_makes_no_agent() {
         assert!(matches!(make(camera, Params::default()), AgentError::Camera { .. }));
     }
 }
+
+/// A camera turns away and back for three seconds before it moves: no frame of it is followed before there is a map.
+#[test]
+fn a_camera_that_turns_first_gets_poses_from_the_map_that_comes() {
+    let drive = trajectory::sideways(50, 2.5);
+    let there = trajectory::turning(drive[0], 40, 0.5);
+    let path: Vec<Se3> = there.iter().chain(there.iter().rev()).chain(&drive).copied().collect();
+    let recording = Recording::render(yard(), Recording::SMALL_CAMERA, &path, 20.0).with_noise(1.0, 5);
+    let mut agent = agent();
+    let frames = recording.shots.iter().enumerate().map(|(i, shot)| Frame {
+        index: i as u64,
+        timestamp: shot.timestamp,
+        image: shot.image.as_ref().clone(),
+        color: None,
+    });
+    frames.for_each(|frame| drop(agent.process(frame).unwrap()));
+    agent.finish();
+    let map = agent.into_map();
+    assert!(map.frames.len() as f64 >= 0.95 * path.len() as f64, "{} of {}", map.frames.len(), path.len());
+    assert!(map.frames.is_sorted_by_key(|frame| frame.frame_index));
+    let found: Vec<_> = map.trajectory().iter().map(|pose| pose.world_from_camera).collect();
+    let truth: Vec<Se3> = map.frames.iter().map(|frame| path[frame.frame_index as usize]).collect();
+    let centres = |poses: &[Se3]| poses.iter().map(|pose| pose.translation).collect::<Vec<_>>();
+    let fit = umeyama::sim3(&centres(&found), &centres(&truth)).unwrap();
+    let worst = found.iter().zip(&truth).map(|(f, t)| (fit * f.translation - t.translation).norm());
+    let worst = worst.fold(0.0, f64::max);
+    assert!(worst < 0.05, "a frame is {worst} m off");
+}
