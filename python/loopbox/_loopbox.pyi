@@ -45,6 +45,11 @@ class Frame:
         """world_from_camera as known now, 4×4."""
 
     @property
+    def covariance(self) -> NDArray[np.float64] | None:
+        """Covariance of the pose relative to the keyframes around it, 6×6: of (υ, ω), in the axes of the camera, map units and radians. What
+        the map errs from one place to another is not in it; None for frames that begin a map."""
+
+    @property
     def keyframe(self) -> int | None:
         """The keyframe made from it."""
 

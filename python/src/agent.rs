@@ -39,6 +39,7 @@ struct Working {
 pub struct Frame {
     state: TrackingState,
     world_from_camera: Option<Se3>,
+    covariance: Option<Vec<f64>>,
     #[pyo3(get)]
     keyframe: Option<u32>,
     #[pyo3(get)]
@@ -81,6 +82,7 @@ impl Agent {
         Ok(Frame {
             state: report.state,
             world_from_camera: report.world_from_camera,
+            covariance: report.covariance.map(|covariance| covariance.as_slice().to_vec()),
             keyframe: report.new_keyframe.map(|id| id.0),
             matched_points: report.matched_points,
             reason: report.reason,
@@ -142,6 +144,13 @@ impl Frame {
     #[getter]
     fn pose<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         self.world_from_camera.map(|pose| table(py, matrix(&pose), 4)).transpose()
+    }
+
+    /// Covariance of the pose relative to the keyframes around it, 6×6: of (υ, ω), in the axes of the camera, map units and radians. What
+    /// the map errs from one place to another is not in it; None for frames that begin a map.
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        self.covariance.clone().map(|covariance| table(py, covariance, 6)).transpose()
     }
 
     fn __repr__(&self) -> String {

@@ -35,7 +35,7 @@ def lossless(demo, tmp_path) -> Path:
 def test_frames_pushed_make_the_map_of_a_run(runs, lossless, tmp_path):
     run = loopbox.run(lossless, tmp_path / "run")
     agent = loopbox.Agent(lossless / "camera.yaml", name="pushed")
-    poses, seconds = {}, 0.0
+    poses, seconds, certain = {}, 0.0, 0
     for timestamp, image in frames(lossless):
         start = time.perf_counter()
         frame = agent.process(image, timestamp)
@@ -43,11 +43,14 @@ def test_frames_pushed_make_the_map_of_a_run(runs, lossless, tmp_path):
         if frame.pose is not None:
             assert frame.state == "tracking" and frame.reason is None and frame.matched_points > 0
             poses[timestamp] = frame.pose
+            if frame.covariance is not None:
+                assert frame.covariance.shape == (6, 6) and np.all(np.linalg.eigvalsh(frame.covariance) > 0)
+                certain += 1
     assert len(agent.map()) > 2
     made = agent.finish()
     assert made.agents == ["pushed"]
     assert np.array_equal(made.poses, run.map().poses), "as by the program"
-    assert len(poses) >= 0.9 * run.tracked
+    assert len(poses) >= 0.9 * run.tracked and certain >= 0.9 * len(poses)
     made.save(tmp_path / "map.mcap")
     merged = loopbox.merge([tmp_path / "map.mcap", runs["parking_c"].folder], tmp_path / "both")
     assert merged.met

@@ -5,14 +5,54 @@ use crate::messages::{
     Covariance, Header, Odometry, PoseWithCovariance, Time, Twist, TwistWithCovariance, Vector3,
 };
 use geometry::Se3;
+use nalgebra::{Matrix6, UnitQuaternion};
 
-/// A pose and the velocity there, as a message. How sure they are is not known.
+/// A pose and the velocity there, as a message, of which nothing says how certain they are.
 pub fn odometry(frame: &str, child: &str, stamp: Time, frame_from_child: &Se3, twist: Twist) -> Odometry {
     Odometry {
         header: Header { stamp, frame_id: frame.into() },
         child_frame_id: child.into(),
         pose: PoseWithCovariance { pose: pose(frame_from_child), covariance: Covariance::UNKNOWN },
         twist: TwistWithCovariance { twist, covariance: Covariance::UNKNOWN },
+    }
+}
+
+impl Odometry {
+    /// The same, with what is known of how certain it is.
+    pub fn known_to(mut self, certainty: &Certainty) -> Self {
+        (self.pose.covariance, self.twist.covariance) = (certainty.pose, certainty.twist);
+        self
+    }
+}
+
+/// How certain a pose and a velocity are.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Certainty {
+    /// Of the pose, in the axes of the frame that it is in.
+    pub pose: Covariance,
+    /// Of the velocity, in the axes of the body.
+    pub twist: Covariance,
+}
+
+impl Certainty {
+    /// Nothing says so.
+    pub const UNKNOWN: Self = Self { pose: Covariance::UNKNOWN, twist: Covariance::UNKNOWN };
+}
+
+/// A covariance of `(υ, ω)` in axes that `rotation` maps these to: `R P Rᵀ` with `R` on both halves.
+pub fn rotated(covariance: &Matrix6<f64>, rotation: &UnitQuaternion<f64>) -> Matrix6<f64> {
+    let mut both = Matrix6::zeros();
+    let rotation = rotation.to_rotation_matrix();
+    for half in [0, 3] {
+        both.fixed_view_mut::<3, 3>(half, half).copy_from(rotation.matrix());
+    }
+    both * covariance * both.transpose()
+}
+
+impl From<&Matrix6<f64>> for Covariance {
+    /// It is symmetric, so that rows are columns.
+    fn from(covariance: &Matrix6<f64>) -> Self {
+        Self(std::array::from_fn(|i| covariance[i]))
     }
 }
 
@@ -32,6 +72,8 @@ pub fn velocity(before_from_now: &Se3, seconds: f64) -> Twist {
 #[derive(Clone, Debug, Default)]
 pub struct Odometer {
     last: Option<(f64, Se3)>,
+    /// Covariance of the pose then, in the axes of the body.
+    last_covariance: Option<Matrix6<f64>>,
 }
 
 /// Where a body is.
@@ -43,13 +85,26 @@ pub struct Reading {
     pub map_from_odom: Se3,
     /// Its velocity in its own axes, units of length and radians a second.
     pub twist: Twist,
+    /// How certain the pose is against what is in view, and the velocity. What the motions add up to err is not in it.
+    pub certainty: Certainty,
+}
+
+/// Where a body is.
+#[derive(Clone, Copy, Debug)]
+pub struct Place {
+    /// Its pose in the map.
+    pub map_from_body: Se3,
+    /// Covariance of that, in the axes of the body; `None` where it is not known.
+    pub covariance: Option<Matrix6<f64>>,
 }
 
 impl Odometer {
     /// Takes in where a body is at a time in seconds, and where it was at the time of the call before as it is known now,
     /// both in the map. Without the latter nothing is known of the motion, and there is none. At first it is where the
     /// map has it.
-    pub fn advance(&mut self, time: f64, map_from_body: &Se3, map_from_before: Option<&Se3>) -> Reading {
+    pub fn advance(&mut self, time: f64, place: &Place, map_from_before: Option<&Se3>) -> Reading {
+        let Place { map_from_body, covariance } = place;
+        let certainty_of_twist = self.twist_covariance(time, place, map_from_before);
         let (odom_from_body, twist) = match (&self.last, map_from_before) {
             (None, _) => (*map_from_body, Twist::default()),
             (Some((_, pose)), None) => (*pose, Twist::default()),
@@ -61,7 +116,25 @@ impl Odometer {
             }
         };
         self.last = Some((time, odom_from_body));
-        Reading { odom_from_body, map_from_odom: *map_from_body * odom_from_body.inverse(), twist }
+        self.last_covariance = *covariance;
+        let in_odom = covariance.map(|covariance| rotated(&covariance, &odom_from_body.rotation));
+        let stated =
+            |known: Option<Matrix6<f64>>| known.as_ref().map_or(Covariance::UNKNOWN, Covariance::from);
+        let certainty = Certainty { pose: stated(in_odom), twist: stated(certainty_of_twist) };
+        Reading { odom_from_body, map_from_odom: *map_from_body * odom_from_body.inverse(), twist, certainty }
+    }
+
+    /// Covariance of the velocity since the call before: both poses err for themselves.
+    fn twist_covariance(
+        &self,
+        time: f64,
+        place: &Place,
+        map_from_before: Option<&Se3>,
+    ) -> Option<Matrix6<f64>> {
+        let (before, now) = (self.last_covariance?, place.covariance?);
+        let seconds = time - self.last?.0;
+        let now_from_before = place.map_from_body.rotation.inverse() * map_from_before?.rotation;
+        (seconds > 0.0).then(|| (now + rotated(&before, &now_from_before)) / (seconds * seconds))
     }
 }
 
@@ -72,6 +145,35 @@ mod tests {
 
     fn apart(a: &Se3, b: &Se3) -> f64 {
         (a.inverse() * *b).log().norm()
+    }
+
+    fn at(map_from_body: Se3) -> Place {
+        Place { map_from_body, covariance: None }
+    }
+
+    /// A body that faces along y of the frame, and is uncertain along its own x, is so along the frame's y.
+    #[test]
+    fn covariances_are_in_the_axes_of_their_frames() {
+        let quarter = Se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2));
+        let own = Matrix6::from_diagonal(&Vector6::new(4.0, 1.0, 2.0, 0.04, 0.01, 0.02));
+        let mut odometer = Odometer::default();
+        let first = odometer.advance(1.0, &Place { map_from_body: quarter, covariance: Some(own) }, None);
+        let diagonal = |covariance: &Covariance| [0, 1, 2, 3, 4, 5].map(|i| covariance.0[7 * i]);
+        let close = |found: [f64; 6], wanted: [f64; 6]| {
+            assert!(
+                found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-12),
+                "{found:?}, not {wanted:?}"
+            );
+        };
+        close(diagonal(&first.certainty.pose), [1.0, 4.0, 2.0, 0.01, 0.04, 0.02]);
+        assert_eq!(first.certainty.twist, Covariance::UNKNOWN);
+        // It turned back by a quarter in half a second: its x is where its y was.
+        let now = Place { map_from_body: Se3::identity(), covariance: Some(own) };
+        let second = odometer.advance(1.5, &now, Some(&quarter));
+        let expected =
+            [4.0 + 1.0, 1.0 + 4.0, 2.0 + 2.0, 0.04 + 0.01, 0.01 + 0.04, 0.02 + 0.02].map(|v| v / 0.25);
+        close(diagonal(&second.certainty.twist), expected);
+        assert_eq!(odometer.advance(2.0, &at(quarter), Some(&quarter)).certainty, Certainty::UNKNOWN);
     }
 
     #[test]
@@ -92,7 +194,7 @@ mod tests {
         let correction = Se3::exp(&Vector6::new(-0.5, 0.3, 0.0, 0.0, 0.0, 0.4));
         let mut odometer = Odometer::default();
         let mut pose = Se3::exp(&Vector6::new(1.0, 2.0, 3.0, 0.1, 0.2, 0.3));
-        let first = odometer.advance(10.0, &pose, None);
+        let first = odometer.advance(10.0, &at(pose), None);
         assert!(apart(&first.odom_from_body, &pose) < 1e-12);
         assert!(apart(&first.map_from_odom, &Se3::identity()) < 1e-12);
         let mut before = first;
@@ -100,7 +202,7 @@ mod tests {
             // What was before is known otherwise from the tenth on.
             let map_from_before = if i == 10 { correction * pose } else { pose };
             pose = map_from_before * step;
-            let reading = odometer.advance(10.0 + 0.1 * f64::from(i), &pose, Some(&map_from_before));
+            let reading = odometer.advance(10.0 + 0.1 * f64::from(i), &at(pose), Some(&map_from_before));
             assert!(apart(&(before.odom_from_body * step), &reading.odom_from_body) < 1e-9);
             assert!(apart(&(reading.map_from_odom * reading.odom_from_body), &pose) < 1e-9);
             let expected = if i < 10 { Se3::identity() } else { correction };
@@ -109,7 +211,7 @@ mod tests {
         }
         // Another map of which nothing is known: the body stays.
         let other = Se3::identity();
-        let reading = odometer.advance(13.0, &other, None);
+        let reading = odometer.advance(13.0, &at(other), None);
         assert!(apart(&reading.odom_from_body, &before.odom_from_body) < 1e-12);
         assert!(apart(&(reading.map_from_odom * reading.odom_from_body), &other) < 1e-12);
         assert_eq!(reading.twist, Twist::default());

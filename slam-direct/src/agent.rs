@@ -346,6 +346,7 @@ impl Agent {
         report.inlier_share = located.inlier_share();
         report.rmse = located.rmse();
         report.matched_points = located.inliers;
+        report.covariance = located.covariance(&self.view);
         tracker.change_reference(&self.view, located, &self.params);
         if self.resumed == Some(ResumeMode::Localising) {
             // The map stays as it is.

@@ -5,11 +5,13 @@ use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::{LocalMap, PointRef};
 use crate::patch::Template;
 use crate::warp::Warp;
-use crate::window::{PoseSolver, SeenPoint, covariance, mahalanobis, predict, robust_weight};
+use crate::window::{
+    PoseSolver, SeenPoint, covariance, mahalanobis, predict, robust_covariance, robust_weight,
+};
 use backend::params;
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3, median};
-use nalgebra::{SMatrix, SVector, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector2, Vector3, Vector6};
 use rayon::prelude::*;
 
 params! {
@@ -265,6 +267,28 @@ pub(crate) fn refine_pose(map: &LocalMap, view: &View, matched: &mut [Matched]) 
     (pose, assumed.unwrap_or(1.0))
 }
 
+/// A pose is told against keyframes, which were frames and err as much.
+const ERRING: f64 = 2.0;
+
+/// Covariance of a frame's pose relative to the keyframes around it, of a right perturbation `(υ, ω)` of `world_from_camera`: in the
+/// axes of the camera, map units and radians. It rests on the points that agree with the pose, and on how far they do; `None` where they leave
+/// a motion open. What the map errs from one place to another is not in it.
+pub(crate) fn pose_covariance(
+    map: &LocalMap,
+    camera_from_world: &Se3,
+    motion: &Twist,
+    matched: &[Matched],
+) -> Option<Matrix6<f64>> {
+    let points = agreeing(map, camera_from_world, motion, matched);
+    Some(robust_covariance(&map.camera, camera_from_world, &points)? * ERRING)
+}
+
+/// The points that agree with a pose.
+fn agreeing(map: &LocalMap, camera_from_world: &Se3, motion: &Twist, matched: &[Matched]) -> Vec<SeenPoint> {
+    let inliers = matched.iter().filter(|m| m.inlier);
+    inliers.map(|m| world_point(map, camera_from_world, motion, m)).collect()
+}
+
 /// Standard deviation of a camera's position at a pose, along its least certain axis, from the points that agree and
 /// over their median depth; infinite where they leave a motion open.
 pub(crate) fn position_deviation(
@@ -273,8 +297,7 @@ pub(crate) fn position_deviation(
     motion: &Twist,
     matched: &[Matched],
 ) -> f64 {
-    let inliers = matched.iter().filter(|m| m.inlier);
-    let points: Vec<SeenPoint> = inliers.map(|m| world_point(map, camera_from_world, motion, m)).collect();
+    let points = agreeing(map, camera_from_world, motion, matched);
     let depth = |p: &SeenPoint| {
         let direction =
             camera_from_world.rotation * p.direction + camera_from_world.translation * p.inverse_depth;

@@ -4,6 +4,7 @@ use crate::run::{MapListener, ProcessedFrame};
 use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{AgentInfo, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
+use nalgebra::Matrix6;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -43,6 +44,8 @@ pub(super) struct Tracked {
     pub world: usize,
     /// Its pose.
     pub world_from_camera: Se3,
+    /// Covariance of that, in the axes of the camera.
+    pub covariance: Option<Matrix6<f64>>,
     /// The pose of the frame before it that had one, as it is known now; `None` where that was in another world.
     pub world_from_before: Option<Se3>,
 }
@@ -120,7 +123,8 @@ impl Follower {
             before.and_then(|(_, frame)| seen.map.world_from_frame(&frame)).map(|pose| pose.rigid());
         // The map has the newest frame last.
         self.before = seen.map.frames.last().map(|frame| (world, *frame));
-        Some(Tracked { timestamp: seen.timestamp, world, world_from_camera, world_from_before })
+        let (timestamp, covariance) = (seen.timestamp, seen.covariance);
+        Some(Tracked { timestamp, world, world_from_camera, covariance, world_from_before })
     }
 }
 

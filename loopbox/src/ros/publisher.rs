@@ -8,7 +8,7 @@ use ros2::cdr::encode;
 use ros2::cloud::cloud;
 use ros2::frames::{Axes, Names, transform};
 use ros2::messages::{TfMessage, Time};
-use ros2::odometry::{Odometer, odometry};
+use ros2::odometry::{Odometer, Place, odometry, rotated};
 use ros2::{MAP_POINTS_TOPIC, ODOMETRY_TOPIC, Outlet, POINTS_TOPIC, TF_TOPIC};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -104,16 +104,19 @@ impl RunPublisher {
     /// Publishes where a frame is.
     fn publish_pose(&mut self, names: &Names, tracked: &Tracked, outlet: &mut dyn Outlet) {
         let body = |pose: &Se3| WORLD.pose(Axes::Optical, pose);
-        let map_from_body = body(&tracked.world_from_camera);
+        let turned = Axes::Optical.body_from_own();
+        let covariance = tracked.covariance.map(|covariance| rotated(&covariance, &turned));
+        let place = Place { map_from_body: body(&tracked.world_from_camera), covariance };
         let before = tracked.world_from_before.as_ref().map(body);
-        let reading = self.odometer.advance(tracked.timestamp, &map_from_body, before.as_ref());
+        let reading = self.odometer.advance(tracked.timestamp, &place, before.as_ref());
         let stamp = Time::of_seconds(tracked.timestamp);
         let (map, odom, child) = (names.map_of(tracked.world), names.odom(), names.body());
         let corrected = transform(&map, &odom, stamp, &reading.map_from_odom);
         let moving = transform(&odom, &child, stamp, &reading.odom_from_body);
         let transforms = [corrected, moving].into_iter().chain(names.fixed(stamp)).collect();
         publish(outlet, TF_TOPIC, &TfMessage { transforms });
-        let message = odometry(&odom, &child, stamp, &reading.odom_from_body, reading.twist);
+        let message = odometry(&odom, &child, stamp, &reading.odom_from_body, reading.twist)
+            .known_to(&reading.certainty);
         publish(outlet, &names.topic(ODOMETRY_TOPIC), &message);
         self.time = tracked.timestamp;
         self.published.poses += 1;

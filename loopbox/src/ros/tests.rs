@@ -10,7 +10,7 @@ use map::{
 };
 use merge::common_map::Fused;
 use merge::merge_graph::{Component, Placement};
-use nalgebra::Vector6;
+use nalgebra::{Matrix6, Vector6};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -103,6 +103,7 @@ impl Case {
             agent,
             timestamp: time,
             world_from_camera,
+            covariance: world_from_camera.map(|_| covariance()),
             deltas: &deltas,
             map,
         });
@@ -134,6 +135,20 @@ fn step(x: f64) -> Option<Se3> {
     Some(Se3::exp(&Vector6::new(x, 0.0, 0.0, 0.0, 0.0, 0.0)))
 }
 
+/// Covariance of a pose in the axes of its camera.
+fn covariance() -> Matrix6<f64> {
+    Matrix6::from_diagonal(&Vector6::new(4.0, 1.0, 2.0, 0.04, 0.01, 0.02))
+}
+
+/// The variances of the pose of an odometry.
+fn variances(odometry: &[u8]) -> [f64; 6] {
+    let start = odometry.len() - 8 * (36 + 6 + 36);
+    std::array::from_fn(|axis| {
+        let at = start + 8 * 7 * axis;
+        f64::from_le_bytes(odometry[at..at + 8].try_into().unwrap())
+    })
+}
+
 /// The last two numbers of three before the covariance of an odometry's pose: where it is, forward, left and up.
 fn position(odometry: &[u8]) -> [f64; 3] {
     // Behind it: orientation, covariance, velocity, covariance.
@@ -162,6 +177,8 @@ fn every_pose_is_published_once_and_lost_frames_are_not() {
     // The camera's x is right, the body's y left.
     let last = case.kept.of("/the_yard/odometry").pop().unwrap();
     assert!((position(&last)[1] + 0.3).abs() < 1e-12, "{:?}", position(&last));
+    let (found, expected) = (variances(&last), [2.0, 4.0, 1.0, 0.02, 0.04, 0.01]);
+    assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
 }
 
 /// A loop moves the keyframe that frames are measured in: the map moves, the odometry does not.

@@ -2,6 +2,7 @@
 
 use geometry::Se3;
 use map::{AgentInfo, Identity, Map, MapDelta};
+use nalgebra::Matrix6;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Follows the map of a run. The run's own thread calls it: whoever listens must not wait for anything,
@@ -32,6 +33,8 @@ pub struct ProcessedFrame<'a> {
     pub timestamp: f64,
     /// Its pose as known now, if it has one; then it is the last of the map's frames.
     pub world_from_camera: Option<Se3>,
+    /// Covariance of that (see [`slam_direct::FrameReport::covariance`]).
+    pub covariance: Option<Matrix6<f64>>,
     /// What changed in the map since the frame before.
     pub deltas: &'a [MapDelta],
     /// The map as it is after these.

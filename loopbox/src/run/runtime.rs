@@ -13,7 +13,7 @@ use crate::run::resuming::Kept;
 use anyhow::Result;
 use geometry::Pinhole;
 use map::{Identity, Map, MapDelta};
-use slam_direct::{Atlas, Frame, TrackingState};
+use slam_direct::{Atlas, Frame, FrameReport, TrackingState};
 use sources::Stop;
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
@@ -266,8 +266,9 @@ impl<'a> Run<'a> {
         let deltas = std::mem::take(&mut report.deltas);
         let map = self.atlas.active().map();
         if let Some(agent) = self.identity_of(self.fragment) {
-            let world_from_camera = report.world_from_camera;
-            let frame = ProcessedFrame { agent, timestamp, world_from_camera, deltas: &deltas, map };
+            let FrameReport { world_from_camera, covariance, .. } = report;
+            let frame =
+                ProcessedFrame { agent, timestamp, world_from_camera, covariance, deltas: &deltas, map };
             self.listeners.notify(|listener| listener.processed(&frame));
         }
         watch.after((index, timestamp, row.ms), latency_ms, report, (&deltas, map), dropped);

@@ -3,6 +3,7 @@
 use super::Claim;
 use geometry::{GrayImage, Se3};
 use map::{Color, KeyframeId, MapDelta};
+use nalgebra::Matrix6;
 use std::fmt;
 use std::sync::Arc;
 
@@ -90,6 +91,10 @@ pub struct FrameReport {
     pub fragment: usize,
     /// Pose as known now (later optimisation may move it).
     pub world_from_camera: Option<Se3>,
+    /// Covariance of that pose relative to the keyframes around it, of a right perturbation `(υ, ω)`: in the axes of the camera (x right,
+    /// y down, z forward), map units and radians. `None` for frames that begin a map. What the map errs from one place to another
+    /// is not in it.
+    pub covariance: Option<Matrix6<f64>>,
     /// Keyframe made from this frame.
     pub new_keyframe: Option<KeyframeId>,
     /// Keyframes whose depth is known since this frame; their poses may still move.
@@ -128,6 +133,7 @@ impl FrameReport {
             state,
             fragment: 0,
             world_from_camera: None,
+            covariance: None,
             new_keyframe: None,
             settled_keyframes: Vec::new(),
             adopted: None,

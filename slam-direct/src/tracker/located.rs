@@ -10,6 +10,7 @@ use crate::track::{self, Matched, Near, View};
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3, median};
 use map::PlaceIndex;
+use nalgebra::Matrix6;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Standard deviations by which more points agree with a pose than do by chance, of counts that are nearly Poisson's.
@@ -67,6 +68,11 @@ impl Located {
     /// Share of the searched points that agree with the pose.
     pub fn inlier_share(&self) -> f32 {
         self.inliers as f32 / self.searched.len().max(1) as f32
+    }
+
+    /// Covariance of the pose (see [`track::pose_covariance`]).
+    pub fn covariance(&self, map: &LocalMap) -> Option<Matrix6<f64>> {
+        track::pose_covariance(map, &self.camera_from_world, &self.motion, &self.matched)
     }
 
     /// Standard deviation of the camera's position along its least certain axis, over the median depth of the points

@@ -23,7 +23,7 @@ mod uncertainty;
 
 pub(crate) use calibration::{Calibration, DistortedPixel};
 pub(crate) use pairs::{Pairs, Relative};
-pub(crate) use pose::{PoseSolver, SeenPoint, covariance};
+pub(crate) use pose::{PoseSolver, SeenPoint, covariance, robust_covariance};
 pub(crate) use problem::{
     Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_cost, robust_weight,
 };
