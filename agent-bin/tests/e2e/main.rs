@@ -6,7 +6,6 @@
 //! `LOOPBOX_KEEP=1` keeps each test's recording and results and says where; `LOOPBOX_DATA` names the folder of the
 //! sequences with ground truth. A single test: `cargo test -p agent-bin --test e2e -- --nocapture NAME`.
 
-mod accuracy;
 mod board;
 mod claims;
 mod color;
@@ -14,6 +13,7 @@ mod damaged;
 #[path = "../common/documented.rs"]
 mod documented;
 mod ending;
+mod golden;
 mod images;
 mod input;
 mod lens;
