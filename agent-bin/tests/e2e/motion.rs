@@ -169,3 +169,18 @@ fn a_camera_carried_elsewhere_and_back_ends_with_one_map() {
     assert!(tracked >= 180, "{tracked} of the 200 frames that show something hang together\n{outcome}");
     assert!(!case.out().join("map-2.mcap").exists(), "{outcome}");
 }
+
+/// A camera that turns before it moves has no map yet; its frames get their poses from the one that comes, and are counted.
+#[test]
+fn frames_from_before_the_map_are_found_later_and_counted() {
+    let drive = trajectory::sideways(60, 3.0);
+    let there = trajectory::turning(drive[0], 45, 0.5);
+    let path: Vec<_> = there.iter().chain(there.iter().rev()).chain(&drive).copied().collect();
+    let case = Case::new(&render(&path));
+    let outcome = case.run(&[]);
+    case.assert_mapped(&outcome, 5);
+    let record = std::fs::read_to_string(case.out().join("run.json")).expect("the run wrote its record");
+    let record: serde_json::Value = serde_json::from_str(&record).expect("it is JSON");
+    let later = record["frames"]["found_later"].as_u64().expect("run.json counts them");
+    assert!((85..120).contains(&later), "{later} found later\n{outcome}");
+}

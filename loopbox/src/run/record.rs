@@ -66,6 +66,7 @@ impl RunRecord {
             .then(|| ("frames missed by the driver", frames.missed_by_driver.to_string()));
         let numbers = [
             ("frames tracked", format!("{} of {}", grouped(frames.tracked), grouped(frames.offered))),
+            ("poses found later", grouped(frames.found_later)),
             ("fragments", self.fragments.len().to_string()),
             ("frames per second", format!("{:.1}", cost.frames_per_s)),
             ("ms per frame, mean", format!("{:.1}", cost.mean_ms)),
@@ -203,6 +204,9 @@ pub struct FrameCounts {
     pub tracked: u64,
     /// Frames with a pose in those of the others.
     pub tracked_apart: u64,
+    /// Those of both that had no pose when they were processed: frames from before a map, which it knows, and from before the camera was
+    /// found again.
+    pub found_later: u64,
     /// Frames without a pose that were found where no motion leads to, after a loss or in a map that was kept, and were not decided
     /// to show the place that they were found at.
     pub doubted: u64,

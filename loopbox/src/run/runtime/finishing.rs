@@ -197,6 +197,14 @@ impl Run<'_> {
         doubted.len() as u64
     }
 
+    /// Frames with a pose in a map that had none when they were processed.
+    fn found_later(&self, map: &Map) -> u64 {
+        let row = |index: u64| self.rows.binary_search_by_key(&index, |row| row.index).ok();
+        let had_none = |index| row(index).is_some_and(|row| self.rows[row].handed_out.is_none());
+        let own = map.frames.iter().filter(|frame| self.is_own(map, frame));
+        own.filter(|frame| had_none(frame.frame_index)).count() as u64
+    }
+
     /// The numbers of the run.
     pub fn record(&self, setup: &Setup, ahead: &Ahead, interrupted: bool, maps: &[Map]) -> RunRecord {
         let processed = self.forgotten_rows + self.rows.len() as u64;
@@ -206,6 +214,7 @@ impl Run<'_> {
             maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
         let own = |map: &Map| map.frames.iter().filter(|frame| self.is_own(map, frame)).count() as u64;
         let tracked = maps.first().map_or(0, own);
+        let found_later = maps.iter().map(|map| self.found_later(map)).sum();
         let doubted = self.doubted(maps);
         let ms = self.rows.iter().map(|row| row.ms).collect();
         RunRecord {
@@ -226,6 +235,7 @@ impl Run<'_> {
                 skipped: self.skipped.clone(),
                 tracked,
                 tracked_apart: maps.iter().skip(1).map(own).sum(),
+                found_later,
                 doubted,
                 tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
                 losses: self.losses.count,
