@@ -85,9 +85,10 @@ fn fragments(case: &Case, out: &Path) -> Result<Vec<Fragment>> {
     Ok(fragments)
 }
 
-/// Whether a run says that tracking was lost, or that frames are doubtful.
+/// Whether a run says that tracking was lost, or that frames or a scale are doubtful.
 fn is_reported(out: &Path) -> Result<bool> {
     let run = Run::read(out, Value::Null)?;
     let losses = run.record("/frames/losses").context("run.json counts no losses")?;
-    Ok(losses + run.record("/frames/doubted").unwrap_or_default() > 0.0)
+    let doubts = run.record("/frames/scale_doubts").context("run.json counts no doubts of scale")?;
+    Ok(losses + doubts + run.record("/frames/doubted").unwrap_or_default() > 0.0)
 }

@@ -23,6 +23,7 @@ mod record;
 mod resuming;
 mod runtime;
 mod saving;
+mod scale_doubt;
 mod session;
 mod surface_judge;
 

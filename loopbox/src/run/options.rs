@@ -9,6 +9,7 @@ use super::output::{Output, TrajectoryFormat};
 use super::record::{CalibrationRecord, Setup};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
+use super::scale_doubt::doubtful_scale;
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
 use crate::open::recording_name;
@@ -298,7 +299,11 @@ impl PreparedRun {
             progress.warn(&warning);
         }
         let fragments = mapped.record.fragments.iter();
-        for warning in fragments.filter_map(|one| doubtful(&one.map, one.without_depth.as_ref())) {
+        let warnings = fragments.flat_map(|one| {
+            let scale = doubtful_scale(&one.trajectory, &one.scale_doubts);
+            doubtful(&one.map, one.without_depth.as_ref()).into_iter().chain(scale)
+        });
+        for warning in warnings {
             progress.warn(&warning);
         }
         progress.mapped(&mapped.record, &mapped.folder);

@@ -3,6 +3,7 @@
 use crate::run::diagnosis::{WithoutDepth, without_depth};
 use crate::run::output::{MAP, TRAJECTORY};
 use crate::run::resuming::Resumed;
+use crate::run::scale_doubt::{ScaleDoubt, scale_doubts};
 use geometry::{Camera, Pinhole, Se3};
 use map::StampedPose;
 use serde::{Serialize, Serializer};
@@ -87,8 +88,11 @@ impl RunRecord {
         let without = without
             .filter(WithoutDepth::is_much)
             .map(|without| ("keyframes without depth", format!("{:.0} %", 100.0 * without.share)));
+        let doubts = (frames.scale_doubts > 0)
+            .then(|| ("frames at which the scale may have changed", frames.scale_doubts.to_string()));
         let left_out = self.left_out.map(|left_out| ("of the image not used", percent(left_out.share)));
-        let all = numbers.into_iter().chain(latency).chain(missed).chain(without).chain(left_out);
+        let all =
+            numbers.into_iter().chain(latency).chain(missed).chain(without).chain(doubts).chain(left_out);
         all.map(|(label, value)| (label.to_owned(), value)).collect()
     }
 }
@@ -218,6 +222,8 @@ pub struct FrameCounts {
     pub losses_of_scale: u64,
     /// How often because something that was mapped moved, and which of two motions is the camera's is not known.
     pub losses_of_motion: u64,
+    /// At how many frames the scale may have changed though nothing was lost, as `fragments` says.
+    pub scale_doubts: u64,
 }
 
 impl FrameCounts {
@@ -332,6 +338,9 @@ pub struct Fragment {
     /// Those of them whose images have hardly any depth: poses there are not to be relied on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub without_depth: Option<WithoutDepth>,
+    /// Where its scale may have changed, though nothing was lost.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub scale_doubts: Vec<ScaleDoubt>,
 }
 
 impl Fragment {
@@ -346,6 +355,7 @@ impl Fragment {
             last_frame: index(map.frames.last()),
             keyframes: map.keyframes.len() as u64,
             without_depth: without_depth(map),
+            scale_doubts: scale_doubts(map),
         }
     }
 }

@@ -36,7 +36,12 @@ impl Agent {
     /// Keeps the frames before the first keyframe, now that there will be no other.
     fn settle_early(&mut self) {
         let first = self.view.keyframes.first().map_or(0, |keyframe| keyframe.frame_index);
-        self.before_map.extend(self.early.drain(..).filter(|frame| frame.frame_index < first));
+        let before = self.early.drain(..).filter(|frame| frame.frame_index < first);
+        let resting = |frame: EarlyFrame| {
+            let swapped = self.swap.as_ref().and_then(|swap| frame.image.swapped_out(&**swap));
+            EarlyFrame { image: swapped.map_or(frame.image, Arc::new), ..frame }
+        };
+        self.before_map.extend(before.map(resting));
     }
 
     /// Takes over the early frames of an agent whose map was taken in.

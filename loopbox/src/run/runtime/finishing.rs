@@ -241,6 +241,7 @@ impl Run<'_> {
                 losses: self.losses.count,
                 losses_of_scale: self.losses.of_scale,
                 losses_of_motion: self.losses.of_motion,
+                scale_doubts: fragments.iter().map(|one| one.scale_doubts.len() as u64).sum(),
             },
             cost: Cost {
                 latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),

@@ -1,0 +1,185 @@
+//! Where the scale of a trajectory may have changed. What a camera sees does not tell its scale: after a change all lengths are as wrong.
+//! But speed and depth change by one factor then, at once, while the image moves as before.
+
+use geometry::{Se3, median};
+use map::{FramePose, KeyframeId, Map};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Seconds over which a speed is told, and between two that are compared. A hand takes longer to bring a camera from a room to a thing in it.
+const SPAN: f64 = 0.7;
+const APART: f64 = 2.0;
+/// Fewest steps that tell a speed.
+const STEPS: usize = 4;
+/// A change of speed and depth by less is how cameras move: 1.8 in hand-held recordings, drives and flights.
+const FACTOR: f64 = 3.0;
+/// The speed over the depth, by which the image moves, may change by so much meanwhile: one that stops before something near is no such case.
+const ALIKE: f64 = 2.5;
+
+/// A frame at which the scale may have changed.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct ScaleDoubt {
+    /// The first frame after the change, to two seconds.
+    pub frame: u64,
+    /// Its time stamp, seconds.
+    pub timestamp: f64,
+    /// So many times as large as before lengths are after it; below 1 they shrink.
+    pub factor: f64,
+}
+
+/// The camera over a span of time.
+#[derive(Clone, Copy)]
+struct Span {
+    /// The frame that it begins with, and its time stamp, seconds.
+    frame: u64,
+    begin: f64,
+    /// Map units a second.
+    speed: f64,
+    /// Map units.
+    depth: f64,
+}
+
+/// Times at which the scale of a map's trajectory may have changed, those further apart than what is compared.
+pub fn scale_doubts(map: &Map) -> Vec<ScaleDoubt> {
+    let spans = spans(map);
+    let mut doubts: Vec<ScaleDoubt> = Vec::new();
+    for (i, before) in spans.iter().enumerate() {
+        let Some(after) = spans[i..].iter().find(|span| span.begin >= before.begin + APART) else { break };
+        if after.begin > before.begin + APART + SPAN {
+            continue;
+        }
+        let Some(found) = change(before, after) else { continue };
+        match doubts.last_mut().filter(|last| found.timestamp < last.timestamp + APART + SPAN) {
+            Some(last) if last.factor.ln().abs() >= found.factor.ln().abs() => {}
+            Some(last) => *last = found,
+            None => doubts.push(found),
+        }
+    }
+    doubts
+}
+
+/// Whether speed and depth changed alike, and by how much: by the lesser of both changes.
+fn change(before: &Span, after: &Span) -> Option<ScaleDoubt> {
+    let (speed, depth) = ((after.speed / before.speed).ln(), (after.depth / before.depth).ln());
+    let least = if speed.abs() < depth.abs() { speed } else { depth };
+    let is_one = speed * depth > 0.0 && (speed - depth).abs() <= ALIKE.ln() && least.abs() >= FACTOR.ln();
+    let (frame, timestamp) = (after.frame, after.begin);
+    is_one.then(|| ScaleDoubt { frame, timestamp, factor: least.exp() })
+}
+
+/// Spans of a trajectory that begin with a frame each and tell a speed.
+fn spans(map: &Map) -> Vec<Span> {
+    let mut depths: BTreeMap<KeyframeId, f32> = BTreeMap::new();
+    for (id, keyframe) in &map.keyframes {
+        let depth = keyframe.semi_dense.median_depth();
+        depths.extend(depth.map(|depth| (*id, (depth * keyframe.world_from_keyframe.scale) as f32)));
+        keyframe.semi_dense.rest();
+    }
+    let frames = map.frames.iter();
+    let placed: Vec<(Se3, &FramePose)> =
+        frames.filter_map(|frame| Some((map.world_from_frame(frame)?.rigid(), frame))).collect();
+    let speed = |pair: &[(Se3, &FramePose)]| {
+        let seconds = pair[1].1.timestamp - pair[0].1.timestamp;
+        ((pair[1].0.translation - pair[0].0.translation).norm() / seconds) as f32
+    };
+    let speeds: Vec<f32> = placed.windows(2).map(speed).collect();
+    let span = |first: usize| {
+        let FramePose { timestamp: begin, frame_index: frame, .. } = *placed[first].1;
+        let count = placed[first..].partition_point(|(_, frame)| frame.timestamp <= begin + SPAN);
+        let frames = &placed[first..first + count];
+        let mut seen: Vec<f32> =
+            frames.iter().filter_map(|(_, frame)| depths.get(&frame.reference).copied()).collect();
+        let mut steps = speeds.get(first..first + count - 1)?.to_vec();
+        let speed = median(&mut steps).filter(|_| steps.len() >= STEPS)?;
+        Some(Span { frame, begin, speed: speed.into(), depth: median(&mut seen)?.into() })
+    };
+    // Of what is not in order of time, as several sessions or agents are, no span is told.
+    let span =
+        |first| span(first).filter(|span| span.speed > 0.0 && span.speed.is_finite() && span.depth > 0.0);
+    (0..placed.len()).filter_map(span).collect()
+}
+
+/// What to say of a trajectory of this name whose scale may have changed; nothing of others.
+pub fn doubtful_scale(name: &str, doubts: &[ScaleDoubt]) -> Option<String> {
+    let place = |doubt: &ScaleDoubt| format!("from frame {} on by {:.2}", doubt.frame, doubt.factor);
+    let places: Vec<String> = doubts.iter().map(place).collect();
+    (!places.is_empty()).then(|| {
+        format!(
+            "the scale of {name} may have changed, {}: the camera seems as much slower or quicker as what it sees is nearer or farther\n\
+             hint: what is known of lengths before does not hold behind; keep part of what was seen in view where the camera turns",
+            places.join(", ")
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geometry::{GrayImage, Pinhole, Sim3};
+    use map::{Keyframe, SemiDense};
+    use nalgebra::Vector3;
+    use std::sync::Arc;
+
+    /// A drive at ten frames a second, each a keyframe, of which `at` gives speed and depth at a time.
+    fn drive(at: impl Fn(f64) -> (f64, f64)) -> Map {
+        let mut map = Map::new(Pinhole { width: 40, height: 30, fx: 30.0, fy: 30.0, cx: 19.5, cy: 14.5 });
+        let mut place = 0.0;
+        for i in 0..100_u32 {
+            let time = f64::from(i) * 0.1;
+            let (speed, depth) = at(time);
+            place += 0.1 * speed;
+            let (id, pose) = (KeyframeId(i), Se3::new(Default::default(), Vector3::new(place, 0.0, 0.0)));
+            let image = Arc::new(GrayImage::filled(40, 30, 90));
+            let mut keyframe = Keyframe::of_image(id, time, u64::from(i), Sim3::from(pose), image);
+            let pixels = 0..200_u32;
+            let inverse = pixels.clone().map(|_| (1.0 / depth) as f32).collect::<Vec<f32>>();
+            let depth = SemiDense {
+                pixel: pixels.collect::<Vec<u32>>().into(),
+                inverse_depth: inverse.into(),
+                variance: vec![1e-4; 200].into(),
+            };
+            keyframe.semi_dense = depth.into();
+            map.keyframes.insert(id, keyframe);
+            map.frames.push(FramePose {
+                timestamp: time,
+                frame_index: u64::from(i),
+                reference: id,
+                keyframe_from_frame: Se3::identity(),
+            });
+        }
+        map
+    }
+
+    #[test]
+    fn speed_and_depth_that_fall_together_at_once_are_doubtful() {
+        let collapsed = |time: f64| if time < 5.0 { (0.25, 1.5) } else { (0.02, 0.2) };
+        let found = scale_doubts(&drive(collapsed));
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!((found[0].timestamp - 5.0).abs() < 2.0 && (0.1..0.2).contains(&found[0].factor), "{found:?}");
+        let grown = scale_doubts(&drive(|time| if time < 5.0 { (0.02, 0.2) } else { (0.25, 1.5) }));
+        assert!(grown.len() == 1 && grown[0].factor > 5.0, "{grown:?}");
+    }
+
+    #[test]
+    fn what_cameras_do_is_not() {
+        let ways: [(&str, fn(f64) -> (f64, f64)); 5] = [
+            ("an even drive", |_| (0.25, 1.5)),
+            ("it stops before something near", |time| if time < 5.0 { (0.25, 1.5) } else { (1e-4, 0.2) }),
+            ("a turn to a far view on the way", |time| if time < 5.0 { (0.25, 0.3) } else { (0.25, 3.0) }),
+            ("it comes near slowly", |time| (0.3 * (-0.3 * time).exp(), 2.0 * (-0.3 * time).exp())),
+            ("it slows down", |time| if time < 5.0 { (0.25, 1.5) } else { (0.05, 1.4) }),
+        ];
+        for (name, way) in ways {
+            assert_eq!(scale_doubts(&drive(way)), [], "{name}");
+        }
+    }
+
+    #[test]
+    fn hardly_any_frames_tell_nothing() {
+        let mut map = drive(|_| (0.25, 1.5));
+        map.frames.truncate(3);
+        assert_eq!(scale_doubts(&map), []);
+        map.frames.clear();
+        assert_eq!(scale_doubts(&map), []);
+    }
+}
