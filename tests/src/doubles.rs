@@ -1,6 +1,8 @@
 //! Doubles: places that share what is made in numbers, the plan, posters, frames, goods, and differ in a share of their things,
 //! each surface with a grain of its own or without; and the same places again after a share of their things has moved.
 
+mod plans;
+
 use crate::trajectory::look;
 use crate::{Cuboid, Grain, Texture, World};
 use geometry::{Random, Se3};
@@ -32,6 +34,10 @@ pub enum Kind {
     Hall,
     /// A flat and its mirror image next door, as architects draw them: the same furniture, some of it another.
     Mirrored,
+    /// Rooms of one wallpaper, whose faint pattern looks like wear and repeats.
+    Papered,
+    /// Arches of a viaduct, each a workshop's front.
+    Arches,
 }
 
 /// Which of the places of a kind, and when.
@@ -54,7 +60,7 @@ pub struct Version {
 /// Pictures that things of all places wear, each another part of one.
 static PICTURES: LazyLock<Vec<Texture>> = LazyLock::new(|| (900..908).map(Texture::varied).collect());
 /// Plaster, brick, wood, tiles, a carpet.
-static STUFFS: LazyLock<[Texture; 5]> = LazyLock::new(|| {
+static STUFFS: LazyLock<[Texture; 6]> = LazyLock::new(|| {
     let joint = |v: usize, step: usize| v % step < 3;
     let tone = |x: usize, y: usize| (Random::new((x * 977 + y) as u64).unit() as f32 - 0.5) * 30.0;
     [
@@ -71,6 +77,7 @@ static STUFFS: LazyLock<[Texture; 5]> = LazyLock::new(|| {
         }),
         Texture::painted(move |x, y| if joint(x, 128) || joint(y, 128) { 120.0 } else { 196.0 }),
         Texture::varied(77),
+        Texture::painted(|x, y| 178.0 + printed(x % 256, y % 256)),
     ]
 });
 const PLASTER: usize = 0;
@@ -78,13 +85,24 @@ const BRICK: usize = 1;
 const WOOD: usize = 2;
 const TILES: usize = 3;
 const CARPET: usize = 4;
+const PAPER: usize = 5;
+
+/// A fine pattern of some 4 grey levels, printed: blots of several sizes.
+fn printed(x: usize, y: usize) -> f32 {
+    let blots = [4usize, 8, 16, 32].iter().map(|size| {
+        let at = (x / size * 7919 + y / size) as u64;
+        Random::new(at ^ (*size as u64) << 40).unit() as f32 - 0.5
+    });
+    7.0 * blots.sum::<f32>()
+}
 
 impl Kind {
     /// The kinds that limits may be set on.
     pub const TUNED: [Self; 6] =
         [Self::Posters, Self::Facade, Self::Aisle, Self::Office, Self::Empty, Self::Hall];
     /// The kinds that are shown only.
-    pub const HELD_OUT: [Self; 5] = [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Mirrored];
+    pub const HELD_OUT: [Self; 7] =
+        [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Mirrored, Self::Papered, Self::Arches];
 
     /// A place of this kind around the origin, to be seen towards +z.
     pub fn world(self, version: &Version) -> World {
@@ -102,6 +120,8 @@ impl Kind {
             Self::Row => built.row(),
             Self::Hall => built.hall(),
             Self::Mirrored => built.mirrored(),
+            Self::Papered => built.papered(),
+            Self::Arches => built.arches(),
         }
         built.world
     }
@@ -201,148 +221,6 @@ impl Built {
             self.fixed([Vector3::new(x, -1.5, 0.0), Vector3::new(0.0, 1.5, depth)], side, 0.004);
         }
         self.fixed([Vector3::new(0.0, -3.0, 0.0), Vector3::new(12.0, 0.0, 12.0)], PLASTER, 0.004);
-    }
-
-    fn posters(&mut self) {
-        let place = self.version.place as usize;
-        self.room([[WOOD, TILES, CARPET][place / 4 % 3], place % 4, (place + 1) % 4], 2.8, 2.6);
-        let share = std::mem::replace(&mut self.version.share, 0.0);
-        for x in [-1.1, 0.0, 1.1] {
-            self.piece(Vector3::new(x, -1.5, 2.78), Vector3::new(0.8, 1.0, 0.0), 0.0, 0.003);
-        }
-        self.version.share = share;
-        for x in [-1.7, 1.6] {
-            self.piece(Vector3::new(x, -0.3, 2.3), Vector3::new(0.5, 0.6, 0.4), 0.3, 0.003);
-        }
-    }
-
-    fn facade(&mut self) {
-        self.fixed([Vector3::zeros(), Vector3::new(30.0, 0.0, 12.0)], TILES, 0.006);
-        self.fixed([Vector3::new(0.0, -3.0, 5.0), Vector3::new(9.0, 3.0, 0.0)], BRICK, 0.006);
-        for (row, column) in (0..3).flat_map(|row| (-4..=4).map(move |column| (row, column))) {
-            let (x, y) = (1.2 * f64::from(column), -1.0 - 1.5 * f64::from(row));
-            self.fixed([Vector3::new(x, y, 4.96), Vector3::new(0.42, 0.55, 0.03)], TILES, 0.02);
-            self.piece(Vector3::new(x, y, 4.92), Vector3::new(0.7, 0.95, 0.0), 0.0, 0.006);
-        }
-    }
-
-    fn aisle(&mut self) {
-        self.room([TILES, PLASTER, PLASTER], 2.4, 3.4);
-        for (board, column) in (0..5).flat_map(|board| (-9..=9).map(move |column| (board, column))) {
-            let (x, y) = (0.32 * f64::from(column), -0.25 - 0.5 * f64::from(board));
-            if column == 0 {
-                self.fixed(
-                    [Vector3::new(0.0, y + 0.05, 2.15), Vector3::new(3.2, 0.02, 0.25)],
-                    PLASTER,
-                    0.004,
-                );
-            }
-            self.piece(Vector3::new(x, y - 0.17, 2.05), Vector3::new(0.26, 0.4, 0.2), 0.02, 0.0025);
-        }
-    }
-
-    fn office(&mut self) {
-        self.room([CARPET, PLASTER, PLASTER], 3.4, 2.8);
-        self.fixed([Vector3::new(0.0, -1.7, 3.38), Vector3::new(0.8, 0.5, 0.01)], TILES, 0.01);
-        for x in [-1.7, 0.0, 1.7] {
-            self.fixed([Vector3::new(x, -0.72, 2.6), Vector3::new(0.7, 0.02, 0.4)], WOOD, 0.004);
-            self.piece(Vector3::new(x, -1.0, 2.75), Vector3::new(0.5, 0.4, 0.06), 0.1, 0.002);
-            for (dx, dz) in [(-0.5, 2.4), (0.4, 2.45), (0.55, 2.7)] {
-                self.piece(Vector3::new(x + dx, -0.83, dz), Vector3::new(0.16, 0.2, 0.16), 0.08, 0.0015);
-            }
-            self.piece(Vector3::new(x, -0.4, 2.0), Vector3::new(0.45, 0.8, 0.4), 0.2, 0.003);
-            self.piece(Vector3::new(x, -1.75, 3.36), Vector3::new(0.5, 0.6, 0.0), 0.2, 0.002);
-        }
-    }
-
-    fn lobby(&mut self) {
-        self.room([TILES, PLASTER, WOOD], 3.2, 2.9);
-        for x in [-1.6, 0.0, 1.6] {
-            self.fixed([Vector3::new(x, -1.05, 3.18), Vector3::new(0.5, 1.05, 0.02)], WOOD, 0.01);
-            self.fixed([Vector3::new(x, -1.05, 3.15), Vector3::new(0.02, 1.0, 0.01)], TILES, 0.01);
-            self.piece(Vector3::new(x + 0.8, -1.5, 3.17), Vector3::new(0.35, 0.45, 0.0), 0.08, 0.002);
-            self.piece(Vector3::new(x + 0.8, -0.35, 2.9), Vector3::new(0.4, 0.7, 0.3), 0.15, 0.003);
-            self.piece(Vector3::new(x, -2.4, 3.17), Vector3::new(0.4, 0.35, 0.0), 0.0, 0.002);
-        }
-    }
-
-    fn hotel(&mut self) {
-        self.room([CARPET, PLASTER, PLASTER], 2.2, 4.0);
-        for i in -3..=3 {
-            let x = 1.3 * f64::from(i);
-            self.fixed([Vector3::new(x, -1.05, 2.18), Vector3::new(0.42, 1.05, 0.02)], WOOD, 0.005);
-            self.fixed([Vector3::new(x + 0.32, -1.0, 2.14), Vector3::new(0.05, 0.02, 0.02)], TILES, 0.01);
-            self.piece(Vector3::new(x, -1.6, 2.15), Vector3::new(0.16, 0.12, 0.0), 0.0, 0.0012);
-            self.piece(Vector3::new(x + 0.65, -1.6, 2.17), Vector3::new(0.3, 0.4, 0.0), 0.05, 0.002);
-        }
-    }
-
-    fn stairs(&mut self) {
-        self.room([TILES, BRICK, PLASTER], 3.6, 2.4);
-        for i in 0..8 {
-            let up = 0.17 * f64::from(i);
-            self.fixed(
-                [
-                    Vector3::new(-0.8, -0.5 * up - 0.08, 2.0 + 0.2 * f64::from(i)),
-                    Vector3::new(0.8, 0.5 * up + 0.08, 0.1),
-                ],
-                TILES,
-                0.006,
-            );
-        }
-        self.fixed([Vector3::new(1.3, -1.05, 3.58), Vector3::new(0.45, 1.05, 0.02)], WOOD, 0.006);
-        for (x, y) in [(0.4, -1.6), (1.3, -2.4), (-0.8, -2.2), (2.0, -1.4), (-1.7, -1.9), (0.4, -2.3)] {
-            self.piece(Vector3::new(x, y, 3.57), Vector3::new(0.4, 0.4, 0.0), 0.1, 0.002);
-        }
-        for x in [0.5, 1.9] {
-            self.piece(Vector3::new(x, -0.3, 3.0), Vector3::new(0.4, 0.6, 0.4), 0.2, 0.003);
-        }
-    }
-
-    fn row(&mut self) {
-        self.fixed([Vector3::zeros(), Vector3::new(30.0, 0.0, 12.0)], TILES, 0.006);
-        for i in -2..=2 {
-            let x = 3.2 * f64::from(i);
-            self.fixed([Vector3::new(x, -2.2, 6.5), Vector3::new(1.4, 2.2, 1.0)], BRICK, 0.008);
-            self.fixed([Vector3::new(x + 0.6, -1.0, 5.47), Vector3::new(0.45, 1.0, 0.03)], WOOD, 0.008);
-            self.fixed([Vector3::new(x - 0.6, -1.5, 5.47), Vector3::new(0.5, 0.5, 0.03)], TILES, 0.02);
-            self.piece(Vector3::new(x - 0.6, -1.5, 5.42), Vector3::new(0.8, 0.8, 0.0), 0.0, 0.004);
-            self.piece(Vector3::new(x - 0.4, -0.5, 4.8), Vector3::new(0.6, 1.0, 0.5), 0.4, 0.004);
-            self.piece(Vector3::new(x + 1.3, -0.4, 4.6), Vector3::new(0.8, 0.8, 0.4), 0.4, 0.004);
-        }
-    }
-
-    /// The place itself has everything at one side, another at the other.
-    fn mirrored(&mut self) {
-        self.room([WOOD, PLASTER, PLASTER], 3.0, 2.6);
-        self.fixed([Vector3::new(-1.5, -1.05, 2.98), Vector3::new(0.45, 1.05, 0.02)], WOOD, 0.006);
-        self.fixed([Vector3::new(0.5, -1.6, 2.98), Vector3::new(0.5, 0.5, 0.02)], TILES, 0.01);
-        for (x, y, z) in [(0.2, -0.4, 2.4), (1.3, -0.45, 2.3), (-0.6, -0.3, 2.5), (1.9, -0.9, 2.6)] {
-            self.piece(Vector3::new(x, y, z), Vector3::new(0.6, 0.8, 0.4), 0.1, 0.003);
-        }
-        for (x, y) in [(-0.6, -1.6), (1.4, -1.7), (2.1, -1.5)] {
-            self.piece(Vector3::new(x, y, 2.97), Vector3::new(0.5, 0.6, 0.0), 0.0, 0.002);
-        }
-        if self.version.place % 2 == 1 {
-            for cuboid in &mut self.world.cuboids {
-                let Se3 { rotation, translation } = cuboid.world_from_cuboid;
-                let mirrored = Vector3::new(-translation.x, translation.y, translation.z);
-                cuboid.world_from_cuboid = Se3::new(rotation.inverse(), mirrored);
-            }
-        }
-    }
-
-    fn hall(&mut self) {
-        self.fixed([Vector3::zeros(), Vector3::new(30.0, 0.0, 12.0)], PLASTER, 0.006);
-        self.fixed([Vector3::new(0.0, -3.0, 6.5), Vector3::new(9.0, 3.0, 0.0)], PLASTER, 0.006);
-        for (board, column) in (0..3).flat_map(|board| (-3..=3).map(move |column| (board, column))) {
-            let (x, y) = (1.4 * f64::from(column), -0.1 - 1.4 * f64::from(board));
-            if board == 0 {
-                self.fixed([Vector3::new(x - 0.7, -2.2, 5.0), Vector3::new(0.05, 2.2, 0.05)], WOOD, 0.006);
-            }
-            self.fixed([Vector3::new(x, y, 5.2), Vector3::new(0.7, 0.05, 0.5)], WOOD, 0.006);
-            self.piece(Vector3::new(x, y - 0.55, 5.1), Vector3::new(1.0, 1.0, 0.8), 0.1, 0.006);
-        }
     }
 }
 
