@@ -250,3 +250,21 @@ fn a_full_disk_is_named_in_the_error() {
         &["cannot be written", "No space left"],
     );
 }
+
+#[test]
+fn a_repeated_run_is_compared_with_the_truth() {
+    let out = tempdir().unwrap();
+    let output = run(out.path(), &["--repeat", "2", "--quiet"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stdout(&output).contains("ATE rmse"), "{}", stdout(&output));
+    assert_eq!(std::fs::read_to_string(out.path().join("runs.csv")).unwrap().lines().count(), 3);
+    let first = |run: &str| {
+        let text = std::fs::read_to_string(out.path().join(run).join("trajectory.txt")).unwrap();
+        text.lines().find(|line| !line.starts_with('#')).unwrap().split(' ').next().unwrap().to_owned()
+    };
+    assert_ne!(first("1"), first("2"), "they begin with other frames");
+    for others in [["--view=0"].as_slice(), &["--continue", "map.mcap"], &["--open"]] {
+        let refused = run(out.path(), &[&["--repeat", "2"], others].concat());
+        assert_eq!(refused.status.code(), Some(2), "{others:?}: {}", stderr(&refused));
+    }
+}

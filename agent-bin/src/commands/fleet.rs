@@ -61,6 +61,11 @@ pub struct PairingArgs {
 }
 
 impl PairingArgs {
+    /// Whether the run is to pair.
+    pub fn is_wanted(&self) -> bool {
+        self.fleet.is_some()
+    }
+
     /// Starts what pairs, if that was asked for.
     ///
     /// # Errors

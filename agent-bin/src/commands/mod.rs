@@ -123,8 +123,9 @@ impl Command {
         match self {
             Command::Run(args) => {
                 let args = args.with_out();
-                run::execute(&args)?;
-                listed(args.open, args.out());
+                let (is_open, out) = (args.open, args.out().to_owned());
+                run::execute(args)?;
+                listed(is_open, &out);
                 Ok(())
             }
             Command::Agent(args) => agent::execute(&args),

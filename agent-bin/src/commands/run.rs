@@ -17,10 +17,11 @@ use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
 use sources::correction::{CameraOptions, DEFAULT_MAX_WIDTH};
 use sources::recording::refuse_existing;
-use sources::{FrameSource, SourceOptions};
+use sources::{FrameSource, SourceOptions, Stop};
 use std::path::{Path, PathBuf};
 
 mod checks;
+mod repeat;
 
 /// Arguments of `loopbox run`.
 #[derive(Args, Debug)]
@@ -38,6 +39,15 @@ pub struct RunArgs {
     /// Replace results of another recording or of a merge in that folder, once the new ones are complete
     #[arg(short, long)]
     force: bool,
+    /// Map the recording so many times, from first frames that are 0.2 s apart, into DIR/1, DIR/2 …; where groundtruth.txt lies
+    /// beside its images, compare them as `loopbox eval --table` does, also in DIR/runs.csv
+    #[arg(
+        long,
+        value_name = "COUNT",
+        value_parser = clap::value_parser!(u32).range(1..),
+        conflicts_with_all = ["camera", "check", "open", "continued", "localise", "record"]
+    )]
+    repeat: Option<u32>,
     /// Show the report in the browser once it is written
     #[arg(long, conflicts_with = "check")]
     pub(super) open: bool,
@@ -195,7 +205,7 @@ enum LogForm {
 /// # Errors
 /// When the recording, calibration or parameters cannot be used, nothing could be tracked, or the
 /// results cannot be written.
-pub fn execute(args: &RunArgs) -> Result<()> {
+pub fn execute(args: RunArgs) -> Result<()> {
     usage(args.check_numbers())?;
     if let Some(path) = &args.map.record {
         refuse_existing(path)?;
@@ -209,13 +219,21 @@ pub fn execute(args: &RunArgs) -> Result<()> {
         return args.print_images();
     }
     let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
-    let mut options = args.options()?;
     args.start_threads()?;
+    match args.repeat {
+        Some(count) => repeat::repeat(args, count, &stop),
+        None => over_images(&args, &stop),
+    }
+}
+
+/// A run over images.
+fn over_images(args: &RunArgs, stop: &Stop) -> Result<()> {
+    let mut options = args.options()?;
     let mut source = args.open()?;
     let (progress, fov) = (Console::new(args.display(), None), args.lens.fov);
     match args.recording() {
-        Some(recording) => options.without_calibration(source.info(), recording, fov, &stop, &progress)?,
-        None => options.live_without_calibration(source.as_mut(), fov, &stop, &progress)?,
+        Some(recording) => options.without_calibration(source.info(), recording, fov, stop, &progress)?,
+        None => options.live_without_calibration(source.as_mut(), fov, stop, &progress)?,
     }
     drop(progress);
     let prepared = PreparedRun::new(source, options)?;
@@ -243,12 +261,12 @@ pub fn execute(args: &RunArgs) -> Result<()> {
         Some((follower, publishing)) => (prepared.with_listener(follower), Some(publishing)),
         None => (prepared, None),
     };
-    let mapped = prepared.go(watched, &stop, &progress);
+    let mapped = prepared.go(watched, stop, &progress);
     publishing.map(|publishing| publishing::end(publishing, args.quiet)).transpose()?;
     let mapped = mapped?;
     #[cfg(feature = "fleet")]
     if let Some(fleet) = fleet {
-        args.pairing.end(fleet, args.out(), &stop, args.quiet)?;
+        args.pairing.end(fleet, args.out(), stop, args.quiet)?;
     }
     match (mapped.failure, mapped.apart) {
         (Some(failure), _) => bail!("the run ended early, what was tracked is saved: {failure}"),
@@ -291,6 +309,7 @@ impl RunArgs {
             (self.map.continued.is_some(), "--continue"),
             (self.map.localise.is_some(), "--localise"),
             (self.publishing.is_wanted(), "--ros2"),
+            (self.repeat.is_some(), "--repeat"),
         ];
         let given = given.into_iter().find(|(is_given, _)| *is_given).map(|(_, name)| name);
         if let Some(name) = given.or(self.view.given()) {

@@ -162,7 +162,8 @@ mod tests {
 
     #[test]
     fn what_cameras_do_is_not() {
-        let ways: [(&str, fn(f64) -> (f64, f64)); 5] = [
+        type Way = fn(f64) -> (f64, f64);
+        let ways: [(&str, Way); 5] = [
             ("an even drive", |_| (0.25, 1.5)),
             ("it stops before something near", |time| if time < 5.0 { (0.25, 1.5) } else { (1e-4, 0.2) }),
             ("a turn to a far view on the way", |time| if time < 5.0 { (0.25, 0.3) } else { (0.25, 3.0) }),

@@ -55,6 +55,9 @@ impl RunArgs {
 
     /// Whether what was given fits a recording of images or a camera.
     pub(super) fn for_images(&self) -> Result<()> {
+        if self.repeat.is_some() {
+            self.alone()?;
+        }
         if let Some(name) = self.scans.given() {
             bail!(
                 "{name} is for scans of a LiDAR\nhint: give a folder of KITTI (.bin), PCD or PLY scans, or a file with them"
@@ -68,6 +71,17 @@ impl RunArgs {
             bail!("--duration is for cameras\nhint: of a recording, take --start and --end");
         }
         Ok(())
+    }
+
+    /// Refuses a run that is repeated and that others see.
+    fn alone(&self) -> Result<()> {
+        let ros = self.publishing.is_wanted().then_some("--ros2");
+        #[cfg(feature = "fleet")]
+        let ros = ros.or(self.pairing.is_wanted().then_some("--fleet"));
+        match ros.or(self.view.given()) {
+            Some(name) => bail!("--repeat makes several runs, and {name} is for one that others see"),
+            None => Ok(()),
+        }
     }
 
     /// Prints what scans a run would be over.
