@@ -2,7 +2,7 @@
 //! But speed and depth change by one factor then, at once, while the image moves as before.
 
 use geometry::{Se3, median};
-use map::{FramePose, KeyframeId, Map};
+use map::{AgentId, FramePose, Keyframe, KeyframeId, Map};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -39,9 +39,14 @@ struct Span {
     depth: f64,
 }
 
-/// Times at which the scale of a map's trajectory may have changed, those further apart than what is compared.
+/// Times at which the scale of a map's trajectories may have changed, those further apart than what is compared.
 pub fn scale_doubts(map: &Map) -> Vec<ScaleDoubt> {
-    let spans = spans(map);
+    let depths = depths(map);
+    map.agents.keys().flat_map(|agent| doubts(&spans(map, *agent, &depths))).collect()
+}
+
+/// The same of a trajectory.
+fn doubts(spans: &[Span]) -> Vec<ScaleDoubt> {
     let mut doubts: Vec<ScaleDoubt> = Vec::new();
     for (i, before) in spans.iter().enumerate() {
         let Some(after) = spans[i..].iter().find(|span| span.begin >= before.begin + APART) else { break };
@@ -67,15 +72,20 @@ fn change(before: &Span, after: &Span) -> Option<ScaleDoubt> {
     is_one.then(|| ScaleDoubt { frame, timestamp, factor: least.exp() })
 }
 
-/// Spans of a trajectory that begin with a frame each and tell a speed.
-fn spans(map: &Map) -> Vec<Span> {
-    let mut depths: BTreeMap<KeyframeId, f32> = BTreeMap::new();
-    for (id, keyframe) in &map.keyframes {
-        let depth = keyframe.semi_dense.median_depth();
-        depths.extend(depth.map(|depth| (*id, (depth * keyframe.world_from_keyframe.scale) as f32)));
+/// What is seen of keyframes lies as far, map units.
+fn depths(map: &Map) -> BTreeMap<KeyframeId, f32> {
+    let depth = |(id, keyframe): (&KeyframeId, &Keyframe)| {
+        let depth = keyframe.semi_dense.median_depth()?;
         keyframe.semi_dense.rest();
-    }
-    let frames = map.frames.iter();
+        Some((*id, (depth * keyframe.world_from_keyframe.scale) as f32))
+    };
+    map.keyframes.iter().filter_map(depth).collect()
+}
+
+/// Spans of an agent's trajectory that begin with a frame each and tell a speed.
+fn spans(map: &Map, agent: AgentId, depths: &BTreeMap<KeyframeId, f32>) -> Vec<Span> {
+    let is_own = |frame: &&FramePose| map.keyframes.get(&frame.reference).is_some_and(|k| k.agent == agent);
+    let frames = map.frames.iter().filter(is_own);
     let placed: Vec<(Se3, &FramePose)> =
         frames.filter_map(|frame| Some((map.world_from_frame(frame)?.rigid(), frame))).collect();
     let speed = |pair: &[(Se3, &FramePose)]| {
@@ -85,7 +95,9 @@ fn spans(map: &Map) -> Vec<Span> {
     let speeds: Vec<f32> = placed.windows(2).map(speed).collect();
     let span = |first: usize| {
         let FramePose { timestamp: begin, frame_index: frame, .. } = *placed[first].1;
-        let count = placed[first..].partition_point(|(_, frame)| frame.timestamp <= begin + SPAN);
+        // A session behind may begin anew with its times.
+        let within = |&&(_, frame): &&(Se3, &FramePose)| (begin..=begin + SPAN).contains(&frame.timestamp);
+        let count = placed[first..].iter().take_while(within).count();
         let frames = &placed[first..first + count];
         let mut seen: Vec<f32> =
             frames.iter().filter_map(|(_, frame)| depths.get(&frame.reference).copied()).collect();
@@ -93,7 +105,6 @@ fn spans(map: &Map) -> Vec<Span> {
         let speed = median(&mut steps).filter(|_| steps.len() >= STEPS)?;
         Some(Span { frame, begin, speed: speed.into(), depth: median(&mut seen)?.into() })
     };
-    // Of what is not in order of time, as several sessions or agents are, no span is told.
     let span =
         |first| span(first).filter(|span| span.speed > 0.0 && span.speed.is_finite() && span.depth > 0.0);
     (0..placed.len()).filter_map(span).collect()
@@ -173,6 +184,18 @@ mod tests {
         for (name, way) in ways {
             assert_eq!(scale_doubts(&drive(way)), [], "{name}");
         }
+    }
+
+    /// Sessions and agents may begin anew with their times, and what lies between them is no change.
+    #[test]
+    fn sessions_with_times_of_their_own_are_looked_at_each() {
+        let mut map = drive(|time| if time < 5.0 { (0.25, 1.5) } else { (0.02, 0.2) });
+        let mut again = map.frames.clone();
+        again.truncate(30);
+        map.frames.extend(again);
+        map.frames.rotate_left(60);
+        let found = scale_doubts(&map);
+        assert!(found.len() <= 1, "{found:?}");
     }
 
     #[test]
