@@ -115,7 +115,9 @@ fn the_demo_gives_what_it_gave() {
     let merged = case.out().join("merged");
     let mut command = loopbox();
     command.arg("merge").args(agents.map(|agent| case.out().join(agent))).arg("--out").arg(&merged);
-    Outcome::of(command).assert_success();
+    let outcome = Outcome::of(command);
+    outcome.assert_success();
+    assert!(!outcome.text.contains("-0.0 %"), "{outcome}");
     let trajectories = agents.map(|agent| (merged.join(format!("trajectory-{agent}.txt")), truth(agent)));
     let name = "demo merged";
     check(name, &row(name, &Value::Null, &trajectories));

@@ -115,7 +115,8 @@ fn of_place_as(phrase: &str, place: &PlaceEvidence) -> String {
     format!(
         "{phrase}: one place with a probability of {:.4}, {:.1} % of the things that both see differ",
         place.probability,
-        100.0 * place.changed
+        // The share of nothing is −0.
+        100.0 * place.changed.abs()
     )
 }
 
