@@ -30,7 +30,7 @@ pub fn scratch() -> PathBuf {
 pub fn read_recording(bytes: &[u8]) {
     let Ok(mut source) = sources::open_bytes(bytes, &Default::default()) else { return };
     if let Some(FoundCalibration::Inside { camera, .. }) = source.info().calibration.clone() {
-        source.hold_to(&camera);
+        source.expect_camera(&camera);
     }
     while let Some(frame) = source.next_frame() {
         let _ = frame.picture.into_grey();
