@@ -2,7 +2,7 @@
 //! But speed and depth change by one factor then, at once, while the image moves as before.
 
 use geometry::{Se3, median};
-use map::{AgentId, FramePose, Keyframe, KeyframeId, Map};
+use map::{AgentId, FramePose, KeyframeId, Map};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ const STEPS: usize = 4;
 /// A change of speed and depth by less is how cameras move: 1.8 in hand-held recordings, drives and flights.
 const FACTOR: f64 = 3.0;
 /// The speed over the depth, by which the image moves, may change by so much meanwhile: one that stops before something near is no such case.
-const ALIKE: f64 = 2.5;
+const RATIO: f64 = 2.5;
 
 /// A frame at which the scale may have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -27,33 +27,42 @@ pub struct ScaleDoubt {
     pub factor: f64,
 }
 
+/// Poses of an agent's frames.
+type Placed<'a> = Vec<(Se3, &'a FramePose)>;
+
 /// The camera over a span of time.
-#[derive(Clone, Copy)]
-struct Span {
-    /// The frame that it begins with, and its time stamp, seconds.
-    frame: u64,
-    begin: f64,
+struct Span<'a> {
+    /// Its frames, of which there is at least one.
+    frames: &'a [(Se3, &'a FramePose)],
     /// Map units a second.
     speed: f64,
-    /// Map units.
-    depth: f64,
+}
+
+impl Span<'_> {
+    /// The time stamp of its first frame, seconds.
+    fn begin(&self) -> f64 {
+        self.frames[0].1.timestamp
+    }
 }
 
 /// Times at which the scale of a map's trajectories may have changed, those further apart than what is compared.
 pub fn scale_doubts(map: &Map) -> Vec<ScaleDoubt> {
-    let depths = depths(map);
-    map.agents.keys().flat_map(|agent| doubts(&spans(map, *agent, &depths))).collect()
+    let mut depths = Depths { map, known: BTreeMap::new() };
+    let of_agent = |agent| doubts(&spans(map, &placed(map, agent)), &mut depths);
+    map.agents.keys().copied().flat_map(of_agent).collect()
 }
 
 /// The same of a trajectory.
-fn doubts(spans: &[Span]) -> Vec<ScaleDoubt> {
+fn doubts(spans: &[Span], depths: &mut Depths) -> Vec<ScaleDoubt> {
     let mut doubts: Vec<ScaleDoubt> = Vec::new();
     for (i, before) in spans.iter().enumerate() {
-        let Some(after) = spans[i..].iter().find(|span| span.begin >= before.begin + APART) else { break };
-        if after.begin > before.begin + APART + SPAN {
+        let Some(after) = spans[i..].iter().find(|span| span.begin() >= before.begin() + APART) else {
+            break;
+        };
+        if after.begin() > before.begin() + APART + SPAN {
             continue;
         }
-        let Some(found) = change(before, after) else { continue };
+        let Some(found) = change(before, after, depths) else { continue };
         match doubts.last_mut().filter(|last| found.timestamp < last.timestamp + APART + SPAN) {
             Some(last) if last.factor.ln().abs() >= found.factor.ln().abs() => {}
             Some(last) => *last = found,
@@ -63,50 +72,71 @@ fn doubts(spans: &[Span]) -> Vec<ScaleDoubt> {
     doubts
 }
 
-/// Whether speed and depth changed alike, and by how much: by the lesser of both changes.
-fn change(before: &Span, after: &Span) -> Option<ScaleDoubt> {
-    let (speed, depth) = ((after.speed / before.speed).ln(), (after.depth / before.depth).ln());
+/// Whether speed and depth changed by one factor, and by which: by the lesser of both changes.
+fn change(before: &Span, after: &Span, depths: &mut Depths) -> Option<ScaleDoubt> {
+    let speed = (after.speed / before.speed).ln();
+    if speed.abs() < FACTOR.ln() {
+        return None;
+    }
+    let depth = (depths.of(after)? / depths.of(before)?).ln();
     let least = if speed.abs() < depth.abs() { speed } else { depth };
-    let is_one = speed * depth > 0.0 && (speed - depth).abs() <= ALIKE.ln() && least.abs() >= FACTOR.ln();
-    let (frame, timestamp) = (after.frame, after.begin);
+    let is_one = speed * depth > 0.0 && (speed - depth).abs() <= RATIO.ln() && least.abs() >= FACTOR.ln();
+    let FramePose { frame_index: frame, timestamp, .. } = *after.frames[0].1;
     is_one.then(|| ScaleDoubt { frame, timestamp, factor: least.exp() })
 }
 
-/// What is seen of keyframes lies as far, map units.
-fn depths(map: &Map) -> BTreeMap<KeyframeId, f32> {
-    let depth = |(id, keyframe): (&KeyframeId, &Keyframe)| {
-        let depth = keyframe.semi_dense.median_depth()?;
-        keyframe.semi_dense.rest();
-        Some((*id, (depth * keyframe.world_from_keyframe.scale) as f32))
-    };
-    map.keyframes.iter().filter_map(depth).collect()
+/// Median depths of keyframes, map units. They are read from the disk, so only of keyframes that are asked for.
+struct Depths<'a> {
+    map: &'a Map,
+    known: BTreeMap<KeyframeId, Option<f32>>,
 }
 
-/// Spans of an agent's trajectory that begin with a frame each and tell a speed.
-fn spans(map: &Map, agent: AgentId, depths: &BTreeMap<KeyframeId, f32>) -> Vec<Span> {
+impl Depths<'_> {
+    /// The median over a span's frames of the depth that their keyframes see.
+    fn of(&mut self, span: &Span) -> Option<f64> {
+        let frames = span.frames.iter();
+        let mut seen: Vec<f32> = frames.filter_map(|(_, frame)| self.of_keyframe(frame.reference)).collect();
+        median(&mut seen).map(f64::from)
+    }
+
+    fn of_keyframe(&mut self, id: KeyframeId) -> Option<f32> {
+        *self.known.entry(id).or_insert_with(|| {
+            let keyframe = self.map.keyframes.get(&id)?;
+            let depth = keyframe.semi_dense.median_depth()?;
+            keyframe.semi_dense.rest();
+            Some((depth * keyframe.world_from_keyframe.scale) as f32)
+        })
+    }
+}
+
+/// The frames of an agent with their poses.
+fn placed(map: &Map, agent: AgentId) -> Placed<'_> {
     let is_own = |frame: &&FramePose| map.keyframes.get(&frame.reference).is_some_and(|k| k.agent == agent);
     let frames = map.frames.iter().filter(is_own);
-    let placed: Vec<(Se3, &FramePose)> =
-        frames.filter_map(|frame| Some((map.world_from_frame(frame)?.rigid(), frame))).collect();
+    frames.filter_map(|frame| Some((map.world_from_frame(frame)?.rigid(), frame))).collect()
+}
+
+/// Spans of a trajectory that begin with a frame each, tell a speed and see some depth.
+fn spans<'a>(map: &Map, placed: &'a Placed) -> Vec<Span<'a>> {
     let speed = |pair: &[(Se3, &FramePose)]| {
         let seconds = pair[1].1.timestamp - pair[0].1.timestamp;
         ((pair[1].0.translation - pair[0].0.translation).norm() / seconds) as f32
     };
     let speeds: Vec<f32> = placed.windows(2).map(speed).collect();
+    let has_depth = |(_, frame): &(Se3, &FramePose)| {
+        map.keyframes.get(&frame.reference).is_some_and(|keyframe| !keyframe.semi_dense.is_empty())
+    };
     let span = |first: usize| {
-        let FramePose { timestamp: begin, frame_index: frame, .. } = *placed[first].1;
+        let begin = placed[first].1.timestamp;
         // A session behind may begin anew with its times.
         let within = |&&(_, frame): &&(Se3, &FramePose)| (begin..=begin + SPAN).contains(&frame.timestamp);
         let count = placed[first..].iter().take_while(within).count();
         let frames = &placed[first..first + count];
-        let mut seen: Vec<f32> =
-            frames.iter().filter_map(|(_, frame)| depths.get(&frame.reference).copied()).collect();
         let mut steps = speeds.get(first..first + count - 1)?.to_vec();
-        let speed = median(&mut steps).filter(|_| steps.len() >= STEPS)?;
-        Some(Span { frame, begin, speed: speed.into(), depth: median(&mut seen)?.into() })
+        let speed = f64::from(median(&mut steps).filter(|_| steps.len() >= STEPS)?);
+        let is_told = speed > 0.0 && speed.is_finite() && frames.iter().any(has_depth);
+        is_told.then_some(Span { frames, speed })
     };
-    let span =
-        |first| span(first).filter(|span| span.speed > 0.0 && span.speed.is_finite() && span.depth > 0.0);
     (0..placed.len()).filter_map(span).collect()
 }
 
@@ -173,16 +203,16 @@ mod tests {
 
     #[test]
     fn what_cameras_do_is_not() {
-        type Way = fn(f64) -> (f64, f64);
-        let ways: [(&str, Way); 5] = [
+        type Motion = fn(f64) -> (f64, f64);
+        let motions: [(&str, Motion); 5] = [
             ("an even drive", |_| (0.25, 1.5)),
             ("it stops before something near", |time| if time < 5.0 { (0.25, 1.5) } else { (1e-4, 0.2) }),
             ("a turn to a far view on the way", |time| if time < 5.0 { (0.25, 0.3) } else { (0.25, 3.0) }),
             ("it comes near slowly", |time| (0.3 * (-0.3 * time).exp(), 2.0 * (-0.3 * time).exp())),
             ("it slows down", |time| if time < 5.0 { (0.25, 1.5) } else { (0.05, 1.4) }),
         ];
-        for (name, way) in ways {
-            assert_eq!(scale_doubts(&drive(way)), [], "{name}");
+        for (name, motion) in motions {
+            assert_eq!(scale_doubts(&drive(motion)), [], "{name}");
         }
     }
 
