@@ -1,6 +1,6 @@
 //! What the tests share: recordings, a way to run `loopbox`, and measures of its results.
 
-use eval::{AlignMode, DEFAULT_MAX_DIFF, Pose, align, associate, ate, read_trajectory};
+use eval::{AlignMode, Associated, DEFAULT_MAX_DIFF, Pose, align, associate, ate, read_trajectory};
 use geometry::GrayImage;
 use loopbox_tests::{Encoding, Recording, World, trajectory};
 use map::Map;
@@ -165,14 +165,25 @@ pub struct Accuracy {
 impl Accuracy {
     /// Compares `trajectory.txt` in `out` with a ground truth.
     pub fn of(out: &Path, truth: &Path) -> Self {
-        let estimate = read_trajectory(&out.join("trajectory.txt")).expect("the run wrote a trajectory");
-        let truth = read_trajectory(truth).expect("the truth can be read");
-        let frames = estimate.len();
-        let step = |pair: &[Pose]| (pair[1].translation - pair[0].translation).norm();
-        let path = truth.world_from_camera.windows(2).map(step).sum();
-        let pairs = associate(&estimate, &truth, DEFAULT_MAX_DIFF).expect("times overlap");
-        assert_eq!(pairs.len(), frames, "every pose is that of a frame");
-        let (_, aligned) = align(&pairs, AlignMode::Sim3).expect("a trajectory of some extent");
+        Self::together(&[(out.join("trajectory.txt"), truth.to_owned())])
+    }
+
+    /// Compares trajectories that are in one frame, each with its ground truth.
+    pub fn together(trajectories: &[(PathBuf, PathBuf)]) -> Self {
+        let mut all = Associated { timestamps: None, estimate: Vec::new(), truth: Vec::new() };
+        let (mut frames, mut path) = (0, 0.0);
+        for (estimate, truth) in trajectories {
+            let estimate = read_trajectory(estimate).expect("the program wrote a trajectory");
+            let truth = read_trajectory(truth).expect("the truth can be read");
+            let step = |pair: &[Pose]| (pair[1].translation - pair[0].translation).norm();
+            frames += estimate.len();
+            path += truth.world_from_camera.windows(2).map(step).sum::<f64>();
+            let pairs = associate(&estimate, &truth, DEFAULT_MAX_DIFF).expect("times overlap");
+            assert_eq!(pairs.len(), estimate.len(), "every pose is that of a frame");
+            all.estimate.extend(pairs.estimate);
+            all.truth.extend(pairs.truth);
+        }
+        let (_, aligned) = align(&all, AlignMode::Sim3).expect("a trajectory of some extent");
         let rmse = ate(&aligned).expect("there are pairs").rmse;
         Self { frames, rmse, path }
     }
