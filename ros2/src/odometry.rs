@@ -39,14 +39,10 @@ impl Certainty {
     pub const UNKNOWN: Self = Self { pose: Covariance::UNKNOWN, twist: Covariance::UNKNOWN };
 }
 
-/// A covariance of `(υ, ω)` in axes that `rotation` maps these to: `R P Rᵀ` with `R` on both halves.
+/// A covariance of `(υ, ω)` in axes that `rotation` maps these to: `Ad P Adᵀ`.
 pub fn rotated(covariance: &Matrix6<f64>, rotation: &UnitQuaternion<f64>) -> Matrix6<f64> {
-    let mut both = Matrix6::zeros();
-    let rotation = rotation.to_rotation_matrix();
-    for half in [0, 3] {
-        both.fixed_view_mut::<3, 3>(half, half).copy_from(rotation.matrix());
-    }
-    both * covariance * both.transpose()
+    let adjoint = Se3::new(*rotation, Default::default()).adjoint();
+    adjoint * covariance * adjoint.transpose()
 }
 
 impl From<&Matrix6<f64>> for Covariance {

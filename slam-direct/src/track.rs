@@ -279,12 +279,17 @@ pub(crate) fn pose_covariance(
     motion: &Twist,
     matched: &[Matched],
 ) -> Option<Matrix6<f64>> {
-    let points = agreeing(map, camera_from_world, motion, matched);
+    let points = inlier_points(map, camera_from_world, motion, matched);
     Some(robust_covariance(&map.camera, camera_from_world, &points)? * ERRING)
 }
 
 /// The points that agree with a pose.
-fn agreeing(map: &LocalMap, camera_from_world: &Se3, motion: &Twist, matched: &[Matched]) -> Vec<SeenPoint> {
+fn inlier_points(
+    map: &LocalMap,
+    camera_from_world: &Se3,
+    motion: &Twist,
+    matched: &[Matched],
+) -> Vec<SeenPoint> {
     let inliers = matched.iter().filter(|m| m.inlier);
     inliers.map(|m| world_point(map, camera_from_world, motion, m)).collect()
 }
@@ -297,7 +302,7 @@ pub(crate) fn position_deviation(
     motion: &Twist,
     matched: &[Matched],
 ) -> f64 {
-    let points = agreeing(map, camera_from_world, motion, matched);
+    let points = inlier_points(map, camera_from_world, motion, matched);
     let depth = |p: &SeenPoint| {
         let direction =
             camera_from_world.rotation * p.direction + camera_from_world.translation * p.inverse_depth;

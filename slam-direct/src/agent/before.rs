@@ -58,8 +58,8 @@ impl Agent {
             if is_claim {
                 stretches.push(Stretch { frames: Vec::new(), is_claim });
             }
-            let pose = self.pose_of((frame.timestamp, frame.frame_index), &tracker);
-            let found = FoundFrame { pose, image: pyramid.shared_base(), motion: located.motion };
+            let at = (frame.timestamp, frame.frame_index);
+            let found = self.found_at(at, &pyramid, &tracker, located.motion);
             stretches.last_mut().expect("there is a first").frames.push(found);
             tracker.change_reference(&self.view, &located, &self.params);
         }

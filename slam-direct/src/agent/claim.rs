@@ -160,14 +160,14 @@ impl Agent {
             return report;
         }
         tracker.change_reference(&self.view, located, &self.params);
-        let pose = self.pose_of((timestamp, frame_index), &tracker);
+        let found = self.found_at((timestamp, frame_index), &pyramid, &tracker, located.motion);
         if answer == Some(Answer::Different) {
             self.trial = None;
             self.claim = Some(Claim::Refused);
             self.state = State::Running(Box::new(tracker.seeking()));
             return FrameReport::other_place();
         }
-        self.put_on_trial([FoundFrame { pose, image: pyramid.shared_base(), motion: located.motion }]);
+        self.put_on_trial([found]);
         self.claim = Some(answer.map_or(Claim::Pending, |_| Claim::Undecided));
         self.state = State::Running(tracker);
         FrameReport { adopted: report.adopted, ..FrameReport::on_trial() }

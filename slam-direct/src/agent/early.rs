@@ -29,12 +29,12 @@ impl Agent {
 
     /// The early frames of the map and of those that it took in, in order of time.
     pub(super) fn take_early(&mut self) -> Vec<EarlyFrame> {
-        self.settle_early();
+        self.keep_before_map();
         std::mem::take(&mut self.before_map)
     }
 
     /// Keeps the frames before the first keyframe, now that there will be no other.
-    fn settle_early(&mut self) {
+    fn keep_before_map(&mut self) {
         let first = self.view.keyframes.first().map_or(0, |keyframe| keyframe.frame_index);
         let before = self.early.drain(..).filter(|frame| frame.frame_index < first);
         let resting = |frame: EarlyFrame| {
@@ -46,7 +46,7 @@ impl Agent {
 
     /// Takes over the early frames of an agent whose map was taken in.
     pub(super) fn take_in_early(&mut self, mut other: Vec<EarlyFrame>) {
-        self.settle_early();
+        self.keep_before_map();
         self.before_map.append(&mut other);
         forget_oldest(&mut self.before_map);
     }
@@ -223,7 +223,7 @@ impl Agent {
     pub(super) fn end_early(&mut self) {
         let is_open = self.learner.is_new() || self.map_quality == MapQuality::Open;
         if self.provisional.is_none() && !is_open && !self.is_young() {
-            self.settle_early();
+            self.keep_before_map();
         }
     }
 
@@ -257,12 +257,8 @@ impl Agent {
     }
 }
 
-/// Leaves out the oldest frames until the others have room.
+/// Leaves out the oldest frames, so that the others, whose images are of one size, have room.
 fn forget_oldest(early: &mut Vec<EarlyFrame>) {
-    let mut bytes: usize = early.iter().map(|frame| frame.image.data().len()).sum();
-    early.retain(|frame| {
-        let is_kept = bytes <= MAX_EARLY;
-        bytes -= if is_kept { 0 } else { frame.image.data().len() };
-        is_kept
-    });
+    let bytes = early.first().map_or(1, |frame| frame.image.data().len());
+    early.drain(..early.len().saturating_sub(MAX_EARLY / bytes));
 }

@@ -143,7 +143,18 @@ impl Agent {
 
     /// A frame with the newest pose of a tracker.
     fn on_trial(&self, frame: &Frame, pyramid: &Pyramid, tracker: &Tracker, motion: Twist) -> FoundFrame {
-        let pose = self.pose_of((frame.timestamp, frame.index), tracker);
+        self.found_at((frame.timestamp, frame.index), pyramid, tracker, motion)
+    }
+
+    /// A frame of this time and index with the newest pose of a tracker.
+    pub(super) fn found_at(
+        &self,
+        at: (f64, u64),
+        pyramid: &Pyramid,
+        tracker: &Tracker,
+        motion: Twist,
+    ) -> FoundFrame {
+        let pose = self.pose_of(at, tracker);
         FoundFrame { pose, image: pyramid.shared_base(), motion }
     }
 

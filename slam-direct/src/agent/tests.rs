@@ -28,7 +28,16 @@ fn agent_with_lag(lag: usize) -> Agent {
 
 /// Gives the agent the frames of the drive, each as `picture` shows it.
 fn feed(agent: &mut Agent, picture: impl Fn(usize, &GrayImage) -> GrayImage) -> Vec<FrameReport> {
-    let shots = drive().shots.iter().enumerate();
+    feed_with(agent, drive(), picture)
+}
+
+/// The same of another recording.
+fn feed_with(
+    agent: &mut Agent,
+    recording: &Recording,
+    picture: impl Fn(usize, &GrayImage) -> GrayImage,
+) -> Vec<FrameReport> {
+    let shots = recording.shots.iter().enumerate();
     shots
         .map(|(i, shot)| {
             let (index, timestamp, image) = (i as u64, shot.timestamp, picture(i, &shot.image));
@@ -397,13 +406,7 @@ fn a_camera_that_turns_first_gets_poses_from_the_map_that_comes() {
     let path: Vec<Se3> = there.iter().chain(there.iter().rev()).chain(&drive).copied().collect();
     let recording = Recording::render(yard(), Recording::SMALL_CAMERA, &path, 20.0).with_noise(1.0, 5);
     let mut agent = agent();
-    let frames = recording.shots.iter().enumerate().map(|(i, shot)| Frame {
-        index: i as u64,
-        timestamp: shot.timestamp,
-        image: shot.image.as_ref().clone(),
-        color: None,
-    });
-    frames.for_each(|frame| drop(agent.process(frame).unwrap()));
+    feed_with(&mut agent, &recording, as_it_is);
     agent.finish();
     let map = agent.into_map();
     assert!(map.frames.len() as f64 >= 0.95 * path.len() as f64, "{} of {}", map.frames.len(), path.len());
