@@ -188,18 +188,16 @@ impl Agent {
         self.is_young() && is_given_up
     }
 
-    /// Gives the map up and begins a start with this frame; `None` when it has too little texture: a dark image
-    /// says nothing about the map.
+    /// Gives the map up and begins a start with this frame, which is kept as all frames of a young map are; `None` when it has too little
+    /// texture: a dark image says nothing about the map.
     pub(super) fn begin_anew(
         &mut self,
         pyramid: Pyramid,
         timestamp: f64,
         frame_index: u64,
     ) -> Option<FrameReport> {
-        let image = pyramid.shared_base();
         let fresh = self.fresh_start(pyramid, timestamp, frame_index)?;
         self.forget();
-        self.keep_early(timestamp, frame_index, image);
         self.state = State::Starting(Box::new(fresh));
         let reason = Some("the first map was of no use");
         Some(FrameReport { reason, ..FrameReport::of(TrackingState::Starting) })

@@ -93,6 +93,25 @@ fn a_drive_is_tracked_and_mapped() {
     assert!(settled.windows(2).all(|w| w[0] < w[1]), "each keyframe settles once, in order: {settled:?}");
 }
 
+#[test]
+fn the_frames_of_a_map_that_is_given_up_are_kept_once() {
+    let mut agent = agent();
+    let mut given_up = false;
+    for (i, shot) in drive().shots.iter().enumerate().take(40) {
+        let mut data = shot.image.data().to_vec();
+        if i >= 8 {
+            // Upside down it shares nothing with the map.
+            data.reverse();
+        }
+        let image = GrayImage::from_vec(shot.image.width(), shot.image.height(), data).unwrap();
+        let frame = Frame { index: i as u64, timestamp: shot.timestamp, image, color: None };
+        given_up |= agent.process(frame).unwrap().reason == Some("the first map was of no use");
+        let kept: Vec<u64> = agent.early.iter().map(|frame| frame.frame_index).collect();
+        assert!(kept.windows(2).all(|pair| pair[0] < pair[1]), "{kept:?}");
+    }
+    assert!(given_up);
+}
+
 /// What is handed out halfway hangs together and does not change what comes after.
 #[test]
 fn a_snapshot_is_a_whole_map_of_an_agent_that_continues() {
