@@ -7,6 +7,7 @@ mod check;
 mod color;
 #[cfg(test)]
 mod color_tests;
+mod cut;
 mod delta;
 mod error;
 mod export;
@@ -14,6 +15,7 @@ mod identity;
 mod io;
 mod keyframe;
 mod level;
+
 mod place;
 mod rectified;
 mod scan;

@@ -155,7 +155,11 @@ fn poses(keyframes: &BTreeMap<KeyframeId, Keyframe>) -> BTreeMap<KeyframeId, geo
 }
 
 /// A keyframe of another agent's and with other ids.
-fn renamed(mut keyframe: Keyframe, agent: AgentId, rename: impl Fn(KeyframeId) -> KeyframeId) -> Keyframe {
+pub(crate) fn renamed(
+    mut keyframe: Keyframe,
+    agent: AgentId,
+    rename: impl Fn(KeyframeId) -> KeyframeId,
+) -> Keyframe {
     keyframe.id = rename(keyframe.id);
     keyframe.agent = agent;
     for observation in keyframe.points.iter_mut().flat_map(|point| &mut point.observations) {
@@ -165,12 +169,12 @@ fn renamed(mut keyframe: Keyframe, agent: AgentId, rename: impl Fn(KeyframeId) -
 }
 
 /// An edge between the same keyframes under other ids.
-fn renamed_edge(edge: Edge, rename: impl Fn(KeyframeId) -> KeyframeId) -> Edge {
+pub(crate) fn renamed_edge(edge: Edge, rename: impl Fn(KeyframeId) -> KeyframeId) -> Edge {
     Edge { from: rename(edge.from), to: rename(edge.to), ..edge }
 }
 
 /// A frame relative to the same keyframe under another id.
-fn renamed_frame(frame: FramePose, rename: impl Fn(KeyframeId) -> KeyframeId) -> FramePose {
+pub(crate) fn renamed_frame(frame: FramePose, rename: impl Fn(KeyframeId) -> KeyframeId) -> FramePose {
     FramePose { reference: rename(frame.reference), ..frame }
 }
 

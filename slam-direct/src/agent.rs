@@ -41,6 +41,7 @@ use crate::mapping;
 use crate::mask::MaskLearner;
 use crate::params::Params;
 use crate::publish;
+use crate::scale::{ScaleBreak, newest_scale_break, scale_breaks};
 use crate::tone::Tone;
 use crate::track::{Matched, learn_position_sigma};
 use crate::tracker::{Located, Tracker, match_keyframe};
@@ -521,6 +522,9 @@ impl Agent {
         self.map_quality = update.map_quality;
         self.companions = self.companions.split_off(&update.first_open);
         self.closed = update.closed;
+        if self.is_own_map() {
+            report.scale_break = newest_scale_break(&self.view, &self.closed, &self.params);
+        }
         let delta = self.own_delta(update.delta);
         report.settled_keyframes = delta.settled.iter().map(|settled| settled.keyframe).collect();
         report.closed_loop = update.closed_loop.and_then(|closed| self.own_loop(closed));
@@ -605,6 +609,20 @@ impl Agent {
     /// map that follows the reports' deltas needs them after [`finish`](Self::finish).
     pub fn take_deltas(&mut self) -> Vec<MapDelta> {
         std::mem::take(&mut self.pending_deltas)
+    }
+
+    /// Where the scale of the map is not carried from keyframes to those after them, in order, for which each keyframe's points are looked at;
+    /// of a map that was resumed or joined nothing is said.
+    pub fn scale_breaks(&self) -> Vec<ScaleBreak> {
+        if !self.is_own_map() {
+            return Vec::new();
+        }
+        scale_breaks(&self.view, &self.closed, &self.params)
+    }
+
+    /// Whether all of the map is of this run's one camera.
+    fn is_own_map(&self) -> bool {
+        self.resumed.is_none() && self.common.is_none()
     }
 
     /// Returns the map.

@@ -32,6 +32,7 @@ mod recognise;
 pub mod relocalise;
 mod rival;
 mod rotation_prior;
+mod scale;
 mod select;
 pub mod self_calibration;
 #[cfg(test)]
@@ -60,3 +61,4 @@ pub use judge::{ClaimedPlace, JudgePlace, PlacedView};
 pub use mask::LeftOut;
 pub use params::Params;
 pub use recognise::{Hypothesis, KnownView, Recognise};
+pub use scale::ScaleBreak;

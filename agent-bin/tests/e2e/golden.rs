@@ -3,7 +3,7 @@
 //! Those of `demo/` are whole. Of the sequences, which lie in the folder that `LOOPBOX_DATA` names, by default
 //! `shared/data` beside the repository, the first hundred frames are run; without them they count as skipped.
 
-use crate::support::{Accuracy, Case, Outcome, loopbox};
+use crate::support::{Accuracy, Case, Outcome, loopbox, sequence};
 use serde_json::Value;
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -69,17 +69,7 @@ fn run(source: &Path, out: &Path) -> Value {
 
 /// The first frames of a sequence give what they gave; how accurate that is, where the sequence is here.
 fn check_sequence(name: &str) -> Option<Accuracy> {
-    let data = std::env::var_os("LOOPBOX_DATA").map_or_else(
-        || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data")),
-        PathBuf::from,
-    );
-    let Ok(folder) = fs::canonicalize(data.join(name)) else {
-        eprintln!(
-            "SKIPPED: {} is not here; set LOOPBOX_DATA to the folder of the sequences",
-            data.join(name).display()
-        );
-        return None;
-    };
+    let folder = sequence(name)?;
     let case = Case::empty();
     for file in ["images", "groundtruth.txt", "camera.yaml"] {
         symlink(folder.join(file), case.source().join(file)).expect("the temporary folder takes a link");

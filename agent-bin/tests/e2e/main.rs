@@ -21,6 +21,7 @@ mod memory;
 mod motion;
 mod normal;
 mod resume;
+mod scale;
 mod support;
 #[cfg(feature = "view")]
 mod watch;

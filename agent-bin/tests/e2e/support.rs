@@ -152,6 +152,20 @@ pub fn loopbox() -> Command {
     Command::new(env!("CARGO_BIN_EXE_loopbox"))
 }
 
+/// The folder of a sequence with ground truth; without it the test counts as skipped.
+pub fn sequence(name: &str) -> Option<PathBuf> {
+    let shared = || PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data"));
+    let folder = std::env::var_os("LOOPBOX_DATA").map_or_else(shared, PathBuf::from).join(name);
+    let found = std::fs::canonicalize(&folder).ok();
+    if found.is_none() {
+        eprintln!(
+            "SKIPPED: {} is not here; set LOOPBOX_DATA to the folder of the sequences",
+            folder.display()
+        );
+    }
+    found
+}
+
 /// How well a saved trajectory fits the truth.
 pub struct Accuracy {
     /// Frames in the trajectory.

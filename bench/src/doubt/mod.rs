@@ -89,6 +89,7 @@ fn fragments(case: &Case, out: &Path) -> Result<Vec<Fragment>> {
 fn is_reported(out: &Path) -> Result<bool> {
     let run = Run::read(out, Value::Null)?;
     let losses = run.record("/frames/losses").context("run.json counts no losses")?;
-    let doubts = run.record("/frames/scale_doubts").context("run.json counts no doubts of scale")?;
+    let doubts = run.record("/frames/scale_doubts").context("run.json counts no doubts of scale")?
+        + run.record("/frames/scale_breaks").unwrap_or_default();
     Ok(losses + doubts + run.record("/frames/doubted").unwrap_or_default() > 0.0)
 }

@@ -3,11 +3,12 @@
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
 //! agent), `outlook` and `looking` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
 //! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `fragments` (what was tracked after losses joined), `output` (the files), `live_map` (the map's on
-//! the way), `listening` (who is told how the map grows), `record` (the numbers), `saving` (results on the way), `resuming`
+//! the way), `listening` (who is told how the map grows), `record` and `fragment_record` (the numbers), `scale_doubt` (where the scale may have changed), `saving` (results on the way), `resuming`
 //! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
 
 mod describing;
 mod diagnosis;
+mod fragment_record;
 mod fragments;
 mod frame_survey;
 mod lens;

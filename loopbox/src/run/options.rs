@@ -9,7 +9,7 @@ use super::output::{Output, TrajectoryFormat};
 use super::record::{CalibrationRecord, Setup};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
-use super::scale_doubt::doubtful_scale;
+use super::scale_doubt::{doubtful_scale, not_carried};
 use super::session::{Mapped, Session};
 use super::{Progress, Silent};
 use crate::open::recording_name;
@@ -301,7 +301,7 @@ impl PreparedRun {
         let fragments = mapped.record.fragments.iter();
         let warnings = fragments.flat_map(|one| {
             let scale = doubtful_scale(&one.trajectory, &one.scale_doubts);
-            doubtful(&one.map, one.without_depth.as_ref()).into_iter().chain(scale)
+            doubtful(&one.map, one.without_depth.as_ref()).into_iter().chain(not_carried(one)).chain(scale)
         });
         for warning in warnings {
             progress.warn(&warning);

@@ -1,9 +1,8 @@
 //! The numbers of a run: what `run.json` holds and the report shows.
 
-use crate::run::diagnosis::{WithoutDepth, without_depth};
-use crate::run::output::{MAP, TRAJECTORY};
+use crate::run::diagnosis::WithoutDepth;
+use crate::run::fragment_record::Fragment;
 use crate::run::resuming::Resumed;
-use crate::run::scale_doubt::{ScaleDoubt, scale_doubts};
 use geometry::{Camera, Pinhole, Se3};
 use map::StampedPose;
 use serde::{Serialize, Serializer};
@@ -90,9 +89,17 @@ impl RunRecord {
             .map(|without| ("keyframes without depth", format!("{:.0} %", 100.0 * without.share)));
         let doubts = (frames.scale_doubts > 0)
             .then(|| ("frames at which the scale may have changed", frames.scale_doubts.to_string()));
+        let breaks = (frames.scale_breaks > 0)
+            .then(|| ("times the scale was not carried on", frames.scale_breaks.to_string()));
         let left_out = self.left_out.map(|left_out| ("of the image not used", percent(left_out.share)));
-        let all =
-            numbers.into_iter().chain(latency).chain(missed).chain(without).chain(doubts).chain(left_out);
+        let all = numbers
+            .into_iter()
+            .chain(latency)
+            .chain(missed)
+            .chain(without)
+            .chain(breaks)
+            .chain(doubts)
+            .chain(left_out);
         all.map(|(label, value)| (label.to_owned(), value)).collect()
     }
 }
@@ -222,7 +229,9 @@ pub struct FrameCounts {
     pub losses_of_scale: u64,
     /// How often because something that was mapped moved, and which of two motions is the camera's is not known.
     pub losses_of_motion: u64,
-    /// At how many frames the scale may have changed though nothing was lost, as `fragments` says.
+    /// How often the scale was not carried on though nothing was lost, so that a map was made of the rest.
+    pub scale_breaks: u64,
+    /// At how many frames the scale may have changed all the same, as `fragments` says.
     pub scale_doubts: u64,
 }
 
@@ -318,46 +327,6 @@ pub struct MapCounts {
     pub edges: u64,
     /// Loops closed.
     pub loops: u64,
-}
-
-/// A part of the run that hangs together.
-#[derive(Clone, Debug, Serialize)]
-pub struct Fragment {
-    /// Its trajectory, by the name relative to the folder of results.
-    pub trajectory: String,
-    /// Its map, likewise.
-    pub map: String,
-    /// Frames with a pose.
-    pub frames: u64,
-    /// The first of them.
-    pub first_frame: u64,
-    /// The last of them.
-    pub last_frame: u64,
-    /// Keyframes.
-    pub keyframes: u64,
-    /// Those of them whose images have hardly any depth: poses there are not to be relied on.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub without_depth: Option<WithoutDepth>,
-    /// Where its scale may have changed, though nothing was lost.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub scale_doubts: Vec<ScaleDoubt>,
-}
-
-impl Fragment {
-    /// The fragment with this place in the order, from 0.
-    pub fn new(place: usize, map: &map::Map) -> Self {
-        let index = |frame: Option<&map::FramePose>| frame.map_or(0, |frame| frame.frame_index);
-        Self {
-            trajectory: numbered(TRAJECTORY, place),
-            map: numbered(MAP, place),
-            frames: map.frames.len() as u64,
-            first_frame: index(map.frames.first()),
-            last_frame: index(map.frames.last()),
-            keyframes: map.keyframes.len() as u64,
-            without_depth: without_depth(map),
-            scale_doubts: scale_doubts(map),
-        }
-    }
 }
 
 /// The file of a fragment: `map.mcap`, `map-2.mcap`, `map-3.mcap` …

@@ -13,7 +13,7 @@ use crate::run::resuming::Kept;
 use anyhow::Result;
 use geometry::Pinhole;
 use map::{Identity, Map, MapDelta};
-use slam_direct::{Atlas, Frame, FrameReport, TrackingState};
+use slam_direct::{Atlas, Frame, FrameReport, ScaleBreak, TrackingState};
 use sources::Stop;
 use sources::ahead::{Ahead, Item, SkipReason};
 use sources::notice::Notice;
@@ -64,6 +64,8 @@ pub struct Run<'a> {
     restart: bool,
     /// Why a live source ended though nobody wished it.
     failure: Option<String>,
+    /// Where the scale of a map was not carried on, by the first frame of the map that is made of the rest.
+    scale_breaks: BTreeMap<u64, ScaleBreak>,
 }
 
 impl<'a> Run<'a> {
@@ -92,6 +94,7 @@ impl<'a> Run<'a> {
             dropped_before: ahead.dropped(),
             restart: false,
             failure: None,
+            scale_breaks: BTreeMap::new(),
         }
     }
 

@@ -1,6 +1,7 @@
 //! The input and output of the agent: frames, and reports on them.
 
 use super::Claim;
+use crate::scale::ScaleBreak;
 use geometry::{GrayImage, Se3};
 use map::{Color, KeyframeId, MapDelta};
 use nalgebra::Matrix6;
@@ -104,6 +105,9 @@ pub struct FrameReport {
     /// The changes of the map since the report before, in order; a delta of number 0 begins a map. The frames' poses
     /// are not in it: a map only ever gets more of them, and each is relative to its keyframe.
     pub deltas: Vec<MapDelta>,
+    /// Where the scale was not carried on, some keyframes ago: what was mapped since has a unit of its own, and at the end of the run it
+    /// becomes a map of its own unless a loop is closed over it.
+    pub scale_break: Option<ScaleBreak>,
     /// Loop closed after this frame: `(newer, older)` keyframe.
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,
     /// Share of the predicted points that were matched, 0–1.
@@ -134,6 +138,7 @@ impl FrameReport {
             fragment: 0,
             world_from_camera: None,
             covariance: None,
+            scale_break: None,
             new_keyframe: None,
             settled_keyframes: Vec::new(),
             adopted: None,

@@ -1,12 +1,13 @@
 //! What a run leaves: its maps, whose they are, and its numbers.
 
 use super::{Run, guarded};
+use crate::run::fragment_record::Fragment;
 use crate::run::record::{
-    Cost, Fragment, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, Setup, SourceRecord,
+    Cost, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, Setup, SourceRecord,
 };
 use crate::run::resuming::Kept;
-use map::{AgentId, AgentInfo, FramePose, Identity, Map, StampedPose};
-use slam_direct::{Agent, ResumeMode};
+use map::{AgentId, AgentInfo, FramePose, Identity, KeyframeId, Map, StampedPose};
+use slam_direct::{Agent, ResumeMode, ScaleBreak};
 use sources::Stop;
 use sources::ahead::Ahead;
 use std::borrow::Cow;
@@ -34,22 +35,25 @@ impl Run<'_> {
         only.map().keyframes.len() > LARGE
     }
 
-    /// Gives away the maps of all fragments of the agent `about`, in the order they were begun; `described`: with the
-    /// features of all of their keyframes. In place of the first there is the common map with it, if it went on in one.
-    pub fn maps(&mut self, about: &AgentInfo, described: bool) -> Vec<Map> {
+    /// Gives away the maps of all fragments of the agent `about`, in the order they were begun. In place of the first there is the common map
+    /// with it, if it went on in one. `complete`: with the features of all of their keyframes, and each in parts where its scale is not
+    /// carried on.
+    pub fn maps(&mut self, about: &AgentInfo, complete: bool) -> Vec<Map> {
         let is_whole = self.is_whole;
         let first = self.atlas.fragments().first().filter(|first| !first.map().frames.is_empty());
         let joint = first.and_then(|first| guarded("the map", || first.joint(), &mut None)).flatten();
         let map = |agent: &mut Agent| {
             let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
+            let breaks = || guarded("the scale", || agent.scale_breaks(), &mut None);
+            let breaks = if complete { breaks().unwrap_or_default() } else { Vec::new() };
             let as_it_stands = if is_whole { None } else { snapshot() };
             let map = agent.take_map();
-            as_it_stands.unwrap_or(map)
+            (as_it_stands.unwrap_or(map), breaks)
         };
-        let maps: Vec<Map> = self.atlas.fragments_mut().iter_mut().map(map).collect();
-        let maps = maps.into_iter().enumerate().map(|(fragment, map)| self.named(about, fragment, map));
+        let maps: Vec<_> = self.atlas.fragments_mut().iter_mut().map(map).collect();
+        let maps = self.parts(maps).into_iter().map(|(fragment, map)| self.named(about, fragment, map));
         let mut maps: Vec<Map> = maps.filter(|map| !map.frames.is_empty()).collect();
-        if let Some(mut describer) = self.describer.take().filter(|_| described) {
+        if let Some(mut describer) = self.describer.take().filter(|_| complete) {
             guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
         }
         if let (Some(kept), Some(joint), Some(own)) = (self.kept, joint, maps.first_mut()) {
@@ -59,6 +63,27 @@ impl Run<'_> {
             }
         }
         maps
+    }
+
+    /// The maps in parts whose scale is carried throughout, each by the number of a fragment: the first part of a map by its own.
+    fn parts(&mut self, maps: Vec<(Map, Vec<ScaleBreak>)>) -> Vec<(usize, Map)> {
+        let mut parts = Vec::new();
+        let mut next = maps.len();
+        for (fragment, (map, breaks)) in maps.into_iter().enumerate() {
+            let ends: Vec<KeyframeId> = breaks.iter().map(|one| one.before).collect();
+            for (part, map) in map.cut_behind(&ends).into_iter().enumerate() {
+                let Some(found) = part.checked_sub(1).map(|before| breaks[before]) else {
+                    parts.push((fragment, map));
+                    continue;
+                };
+                if let Some(first) = map.keyframes.values().next() {
+                    self.scale_breaks.insert(first.frame_index, found);
+                }
+                parts.push((next, map));
+                next += 1;
+            }
+        }
+        parts
     }
 
     /// Whether the run goes on in a common map, as one more of its agents.
@@ -159,7 +184,8 @@ impl Run<'_> {
 
     /// Who makes the maps after those of this run.
     pub fn next_identity(&self) -> Option<Identity> {
-        self.identity.map(|first| first.later(self.atlas.fragments().len() as u32))
+        self.identity
+            .map(|first| first.later((self.atlas.fragments().len() + self.scale_breaks.len()) as u32))
     }
 
     /// Why a live source ended though nobody wished it.
@@ -210,8 +236,11 @@ impl Run<'_> {
         let processed = self.forgotten_rows + self.rows.len() as u64;
         let dropped_late = ahead.dropped() - self.dropped_before;
         let offered = processed + dropped_late + self.skipped.values().sum::<u64>();
-        let fragments: Vec<Fragment> =
-            maps.iter().enumerate().map(|(place, map)| Fragment::new(place, map)).collect();
+        let fragments: Vec<Fragment> = maps
+            .iter()
+            .enumerate()
+            .map(|(place, map)| Fragment::new(place, map, &self.scale_breaks))
+            .collect();
         let own = |map: &Map| map.frames.iter().filter(|frame| self.is_own(map, frame)).count() as u64;
         let tracked = maps.first().map_or(0, own);
         let found_later = maps.iter().map(|map| self.found_later(map)).sum();
@@ -241,6 +270,7 @@ impl Run<'_> {
                 losses: self.losses.count,
                 losses_of_scale: self.losses.of_scale,
                 losses_of_motion: self.losses.of_motion,
+                scale_breaks: self.scale_breaks.len() as u64,
                 scale_doubts: fragments.iter().map(|one| one.scale_doubts.len() as u64).sum(),
             },
             cost: Cost {

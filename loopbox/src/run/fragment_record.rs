@@ -1,0 +1,84 @@
+//! What `run.json` holds of each part of a run.
+
+use crate::run::diagnosis::{WithoutDepth, without_depth};
+use crate::run::output::{MAP, TRAJECTORY};
+use crate::run::record::numbered;
+use crate::run::scale_doubt::{ScaleDoubt, scale_doubts};
+use serde::Serialize;
+use slam_direct::ScaleBreak;
+use std::collections::BTreeMap;
+
+/// A part of the run that hangs together.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fragment {
+    /// Its trajectory, by the name relative to the folder of results.
+    pub trajectory: String,
+    /// Its map, likewise.
+    pub map: String,
+    /// Frames with a pose.
+    pub frames: u64,
+    /// The first of them.
+    pub first_frame: u64,
+    /// The last of them.
+    pub last_frame: u64,
+    /// Keyframes.
+    pub keyframes: u64,
+    /// Those of them whose images have hardly any depth: poses there are not to be relied on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub without_depth: Option<WithoutDepth>,
+    /// Why it begins where another ends, if that one's scale is not carried on.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scale_break: Option<ScaleBreakRecord>,
+    /// Where its scale may have changed, though nothing was lost.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub scale_doubts: Vec<ScaleDoubt>,
+}
+
+/// How little tells the scale between a fragment and the one before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct ScaleBreakRecord {
+    /// Points seen in both that could tell it.
+    pub telling: usize,
+    /// Those of them that agree.
+    pub agreeing: usize,
+}
+
+impl From<ScaleBreak> for ScaleBreakRecord {
+    fn from(found: ScaleBreak) -> Self {
+        Self { telling: found.telling, agreeing: found.agreeing }
+    }
+}
+
+impl ScaleBreakRecord {
+    /// The same for people.
+    pub fn text(&self) -> String {
+        match self.telling {
+            0 => "no point that was seen before tells it".to_owned(),
+            telling => {
+                format!(
+                    "{} of {telling} points that could tell it agree, no more than by chance",
+                    self.agreeing
+                )
+            }
+        }
+    }
+}
+
+impl Fragment {
+    /// The fragment with this place in the order, from 0.
+    pub fn new(place: usize, map: &map::Map, breaks: &BTreeMap<u64, ScaleBreak>) -> Self {
+        let first = map.keyframes.values().next().and_then(|first| breaks.get(&first.frame_index));
+        let index = |frame: Option<&map::FramePose>| frame.map_or(0, |frame| frame.frame_index);
+        Self {
+            trajectory: numbered(TRAJECTORY, place),
+            map: numbered(MAP, place),
+            frames: map.frames.len() as u64,
+            first_frame: index(map.frames.first()),
+            last_frame: index(map.frames.last()),
+            keyframes: map.keyframes.len() as u64,
+            without_depth: without_depth(map),
+            scale_break: first.copied().map(ScaleBreakRecord::from),
+            scale_doubts: scale_doubts(map),
+        }
+    }
+}

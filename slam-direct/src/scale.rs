@@ -1,0 +1,277 @@
+//! Whether the scale of a map is carried from its keyframes to those that come after them.
+//!
+//! A keyframe takes its unit from points of known depth that it shares with older ones. Where a camera turns on the spot, or sees little, few
+//! are shared, and what is matched there may agree by chance: matches are sought around their predictions, so a wrong scale confirms itself.
+//! Here each point whose depth one side of a cut knows by itself tells the length of the camera's way on the other side, by how far it
+//! moved in an image there. True points agree with the map about that length; those that match by chance are spread evenly over what is searched.
+
+use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState};
+use crate::params::Params;
+use crate::window::predict;
+use map::{Edge, KeyframeId, Shared};
+use nalgebra::{Matrix3, Vector3};
+
+/// Standard deviation of the logarithm of a length up to which a point tells it.
+const TELLS: f64 = PointState::KNOWN;
+/// A point agrees with the map within one such deviation, or within a third of the pixels around its prediction that it is searched in, if that
+/// is less. Three times as far it still may be one that does (68 and 99.7 % of what errs by `TELLS`), and of what matches by chance a third
+/// lies in the inner range.
+const AGREES: f64 = TELLS;
+const BY_CHANCE: f64 = 1.0 / 3.0;
+/// Probability of so much agreement by chance, below which the scale is carried.
+const SIGNIFICANT: f64 = 0.01;
+/// Points of known depth on either side of a break: as many as a pose has unknowns, or nothing goes on there in a scale of its own.
+const LEAST: usize = 6;
+/// Points asked at a cut at most.
+const MOST: usize = 300;
+/// The pixel that a depth or a length is measured from is as uncertain as the one where it is seen.
+const BOTH_ENDS: f64 = 0.5;
+/// Steps of Gauss–Newton on a depth, which begins where the map has it.
+const STEPS: usize = 6;
+
+/// Where the scale of a map is not carried on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ScaleBreak {
+    /// The last keyframe before it.
+    pub before: KeyframeId,
+    /// Points that could tell the scale across it, within three deviations of the map's.
+    pub telling: usize,
+    /// Those of them within one deviation: no more than chance gives.
+    pub agreeing: usize,
+}
+
+/// Keyframes behind a cut after which most of what tells the scale across it was seen.
+const SETTLED: usize = 8;
+/// Keyframes before it whose points are asked while the camera is tracked.
+const RECENT: usize = 40;
+
+/// Where the scale of a map is not carried, in order; of cuts beside each other the one that fewest points agree across. On either side there
+/// are [some](LEAST) points of known depth. A loop in `closed` carries it over what it spans.
+pub(crate) fn scale_breaks(map: &LocalMap, closed: &[Edge], params: &Params) -> Vec<ScaleBreak> {
+    let (mut breaks, mut is_beside) = (Vec::<ScaleBreak>::new(), false);
+    for (cut, points) in spanning(map, 0).iter().enumerate() {
+        let found = break_at(map, closed, cut, points, params);
+        match (found, breaks.last_mut()) {
+            (Some(found), Some(last)) if is_beside => {
+                if found.agreeing < last.agreeing {
+                    *last = found;
+                }
+            }
+            (Some(found), _) => breaks.push(found),
+            (None, _) => {}
+        }
+        is_beside = found.is_some();
+    }
+    breaks
+}
+
+/// The same of one cut, some keyframes before the newest: told once, while the camera is tracked.
+pub(crate) fn newest_scale_break(map: &LocalMap, closed: &[Edge], params: &Params) -> Option<ScaleBreak> {
+    let cut = map.keyframes.len().checked_sub(1 + SETTLED)?;
+    let points = spanning(map, cut.saturating_sub(RECENT)).swap_remove(cut);
+    break_at(map, closed, cut, &points, params)
+}
+
+/// Whether a loop joins keyframes of both sides.
+fn spans(closed: &Edge, cut: usize) -> bool {
+    let (first, last) = (closed.from.min(closed.to), closed.from.max(closed.to));
+    first <= LocalMap::id(cut) && last > LocalMap::id(cut)
+}
+
+/// For the cut behind each keyframe but the last the points of keyframes from `begin` on that are seen on both sides.
+fn spanning(map: &LocalMap, begin: usize) -> Vec<Vec<PointRef>> {
+    let mut cuts = vec![Vec::new(); map.keyframes.len().saturating_sub(1)];
+    for (host, state) in map.keyframes.iter().enumerate().skip(begin) {
+        for (index, point) in state.points.iter().enumerate().filter(|(_, point)| may_tell(point)) {
+            let seen = point.observations.iter().map(|seen| seen.keyframe).chain([host]);
+            let (first, last) =
+                seen.fold((host, host), |(a, b), keyframe| (a.min(keyframe), b.max(keyframe)));
+            cuts[first..last].iter_mut().for_each(|cut| cut.push(PointRef { host, index }));
+        }
+    }
+    cuts
+}
+
+/// Whether all views together know a point's depth well enough: those of one side know it less.
+fn may_tell(point: &PointState) -> bool {
+    point.alive && point.observations.len() >= 2 && point.variance <= (TELLS * point.inverse_depth).powi(2)
+}
+
+/// The break behind a keyframe, if what goes on there has a scale of its own and the points seen on both sides agree no more than by chance.
+fn break_at(
+    map: &LocalMap,
+    closed: &[Edge],
+    cut: usize,
+    points: &[PointRef],
+    params: &Params,
+) -> Option<ScaleBreak> {
+    let (before, after) = map.keyframes.split_at(cut + 1);
+    let is_enough = |side: &[Shared<KeyframeState>]| {
+        let known = side.iter().flat_map(|state| &state.points).filter(|p| p.alive && p.is_known());
+        known.take(LEAST).count() == LEAST
+    };
+    if closed.iter().any(|closed| spans(closed, cut)) || !is_enough(before) || !is_enough(after) {
+        return None;
+    }
+    let step = points.len().div_ceil(MOST).max(1);
+    let lengths = points.iter().step_by(step).filter_map(|&at| length_across(map, cut, at));
+    // In units of the range within which a point agrees.
+    let relative = |length: Length| {
+        length.log.abs() / AGREES.min(BY_CHANCE * f64::from(params.track.max_shift) / length.flow)
+    };
+    let telling: Vec<f64> = lengths.map(relative).filter(|&v| v <= BY_CHANCE.recip()).collect();
+    let agreeing = telling.iter().filter(|&&v| v <= 1.0).count();
+    let is_carried = at_least_by_chance(agreeing, telling.len()) <= SIGNIFICANT;
+    (!is_carried).then_some(ScaleBreak { before: LocalMap::id(cut), telling: telling.len(), agreeing })
+}
+
+/// Probability that at least so many of `count` points agree by chance: the tail of a binomial distribution.
+fn at_least_by_chance(agreeing: usize, count: usize) -> f64 {
+    let odds = BY_CHANCE / (1.0 - BY_CHANCE);
+    let mut term = (1.0 - BY_CHANCE).powi(count as i32);
+    let mut fewer = 0.0;
+    for i in 0..agreeing {
+        fewer += term;
+        term *= odds * (count - i) as f64 / (i + 1) as f64;
+    }
+    (1.0 - fewer).max(0.0)
+}
+
+/// Where a keyframe sees a point.
+#[derive(Clone, Copy)]
+struct View {
+    keyframe: usize,
+    /// As an ideal camera there sees it.
+    pixel: [f64; 2],
+    /// Information `[xx, xy, yy]` of a length or a depth's pixel there, 1/px².
+    information: [f64; 3],
+}
+
+/// The length of the camera's way to a view, by a point of known depth.
+#[derive(Clone, Copy)]
+struct Length {
+    /// Its logarithm, less that of the map's, to first order.
+    log: f64,
+    /// Standard deviation of that.
+    sigma: f64,
+    /// By so many pixels the point moves in the view as it grows by one.
+    flow: f64,
+}
+
+/// The length of the camera's way on one side of a cut, by a point of which the other side knows the depth; `None` if it tells too little.
+fn length_across(map: &LocalMap, cut: usize, at: PointRef) -> Option<Length> {
+    let point = map.point(at);
+    let host = &map.keyframes[at.host];
+    let world = host.camera_from_world.inverse() * (point.ray / point.inverse_depth);
+    let views = views(map, at);
+    let (before, after) = views.split_at(views.partition_point(|view| view.keyframe <= cut));
+    let (known, others, from) =
+        if before.len() >= 2 { (before, after, cut) } else { (after, before, cut + 1) };
+    let (world, depth_sigma) = depth_by(map, known, &world)?;
+    let lengths = others.iter().filter_map(|view| length_by(map, view, &world, from));
+    let best = lengths.min_by(|a, b| a.sigma.total_cmp(&b.sigma))?;
+    (depth_sigma.hypot(best.sigma) <= TELLS).then_some(best)
+}
+
+/// All views of a point in order of the keyframes.
+fn views(map: &LocalMap, at: PointRef) -> Vec<View> {
+    let point = map.point(at);
+    let seen: Vec<View> = point
+        .observations
+        .iter()
+        .map(|seen| View {
+            keyframe: seen.keyframe,
+            pixel: map.undistorted_pixel(seen.keyframe, seen.pixel, inverse_depth_in(map, at, seen.keyframe)),
+            information: seen.information.map(|v| BOTH_ENDS * f64::from(v)),
+        })
+        .collect();
+    // The host's own patch is what the others are compared with.
+    let best = |a: [f64; 3], b: [f64; 3]| if a[0] + a[2] >= b[0] + b[2] { a } else { b };
+    let information = seen.iter().map(|view| view.information).reduce(best);
+    let own = map.camera.project(&point.ray);
+    let host = information.map(|information| View { keyframe: at.host, pixel: own.into(), information });
+    let mut views: Vec<View> = seen.into_iter().chain(host).collect();
+    views.sort_by_key(|view| view.keyframe);
+    views
+}
+
+/// The inverse depth of a point in a keyframe's camera.
+fn inverse_depth_in(map: &LocalMap, at: PointRef, keyframe: usize) -> f64 {
+    let point = map.point(at);
+    let relative =
+        map.keyframes[keyframe].camera_from_world * map.keyframes[at.host].camera_from_world.inverse();
+    let depth = (relative.rotation * point.ray + relative.translation * point.inverse_depth).z;
+    if depth > 0.0 { point.inverse_depth / depth } else { point.inverse_depth }
+}
+
+/// The world point that views by themselves see, from where the map has it, and the relative standard deviation of its depth.
+fn depth_by(map: &LocalMap, views: &[View], world: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+    let (first, others) = views.split_first()?;
+    let first_from_world = map.keyframes[first.keyframe].camera_from_world;
+    let world_from_first = first_from_world.inverse();
+    let ray = map.camera.unproject(first.pixel[0], first.pixel[1]);
+    let mut inverse_depth = (first_from_world * *world).z.recip();
+    let mut fit = Fit::default();
+    for _ in 0..STEPS {
+        fit = Fit::default();
+        for view in others {
+            let relative = map.keyframes[view.keyframe].camera_from_world * world_from_first;
+            let (rotation, shift) = (relative.rotation_matrix(), relative.translation);
+            let p = predict(&map.camera, &rotation, &shift, &ray, inverse_depth, &view.pixel)?;
+            fit.add(p.residual, p.by_inverse_depth, &view.information);
+        }
+        inverse_depth += fit.step()?;
+        if !(inverse_depth > 0.0 && inverse_depth.is_finite()) {
+            return None;
+        }
+    }
+    let sigma = fit.sigma()? / inverse_depth;
+    (sigma <= TELLS).then(|| (world_from_first * (ray / inverse_depth), sigma))
+}
+
+/// The length of the way between a keyframe and a view of a point.
+fn length_by(map: &LocalMap, view: &View, world: &Vector3<f64>, from: usize) -> Option<Length> {
+    let eye = map.keyframes[from].camera_from_world.inverse().translation;
+    let pose = map.keyframes[view.keyframe].camera_from_world;
+    // As the way becomes longer, what is seen moves back along it.
+    let (seen, back) = (pose * *world, pose * eye);
+    let p = predict(&map.camera, &Matrix3::identity(), &back, &seen, 0.0, &view.pixel)?;
+    let mut fit = Fit::default();
+    fit.add(p.residual, p.by_inverse_depth, &view.information);
+    let [u, v] = p.by_inverse_depth;
+    Some(Length { log: fit.step()?, sigma: fit.sigma()?, flow: u.hypot(v) })
+}
+
+/// Least squares for one unknown.
+#[derive(Clone, Copy, Default)]
+struct Fit {
+    hessian: f64,
+    gradient: f64,
+    cost: f64,
+    count: f64,
+}
+
+impl Fit {
+    /// Adds a residual, its derivative by the unknown, and its information.
+    fn add(&mut self, e: [f64; 2], j: [f64; 2], [a, b, c]: &[f64; 3]) {
+        let w = [a * j[0] + b * j[1], b * j[0] + c * j[1]];
+        self.hessian += w[0] * j[0] + w[1] * j[1];
+        self.gradient += w[0] * e[0] + w[1] * e[1];
+        self.cost += e[0] * (a * e[0] + b * e[1]) + e[1] * (b * e[0] + c * e[1]);
+        self.count += 1.0;
+    }
+
+    /// What is to be added to the unknown.
+    fn step(&self) -> Option<f64> {
+        (self.hessian > 0.0).then(|| -self.gradient / self.hessian)
+    }
+
+    /// Standard deviation of the unknown: that of the residuals, where they are larger than assumed.
+    fn sigma(&self) -> Option<f64> {
+        let left = self.cost - self.gradient * self.gradient / self.hessian;
+        (self.hessian > 0.0).then(|| ((left / self.count).max(1.0) / self.hessian).sqrt())
+    }
+}
+
+#[cfg(test)]
+mod tests;
