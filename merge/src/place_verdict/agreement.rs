@@ -46,6 +46,8 @@ pub(super) struct Agreement {
     same: Vec<f64>,
     /// By contrast.
     other: Vec<f64>,
+    /// The median correlation of unrelated cells.
+    pub unrelated: f64,
 }
 
 impl Agreement {
@@ -53,8 +55,13 @@ impl Agreement {
     /// correlations of unrelated ones.
     pub fn new(same: impl Iterator<Item = [f64; 2]>, other: impl Iterator<Item = [f64; 2]>) -> Self {
         let same = same.map(|[known, correlation]| (known_row(known), correlation));
-        let other = other.map(|[contrast, correlation]| (contrast_row(contrast), correlation));
-        Self { same: density(same, KNOWN, KNOWN_SPREAD), other: density(other, CONTRASTS, CONTRAST_SPREAD) }
+        let other: Vec<(usize, f64)> =
+            other.map(|[contrast, correlation]| (contrast_row(contrast), correlation)).collect();
+        Self {
+            same: density(same, KNOWN, KNOWN_SPREAD),
+            unrelated: median(&other),
+            other: density(other.into_iter(), CONTRASTS, CONTRAST_SPREAD),
+        }
     }
 
     /// ln p(correlation | one surface) − ln p(correlation | unrelated) of a cell that correlates by `known`, −1 to 1, in other keyframes
@@ -66,6 +73,13 @@ impl Agreement {
         let ratio = same / self.other[contrast_row(cell.contrast) * CORRELATIONS + column];
         if cell.is_visible { ratio.ln() } else { (HIDDEN + (1.0 - HIDDEN) * ratio).ln() }
     }
+}
+
+/// The median of correlations; 0 without any.
+fn median(cells: &[(usize, f64)]) -> f64 {
+    let mut all: Vec<f64> = cells.iter().map(|(_, correlation)| *correlation).collect();
+    all.sort_by(f64::total_cmp);
+    all.get(all.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn bin(share: f64, count: usize) -> usize {

@@ -5,13 +5,15 @@
 //! other show what noise, blur, exposure, gleams and errors of pose and depth make of each cell, and how large the areas are that
 //! differ and are one. How alike unrelated cells look is measured on cells of the one map and wrong ones of the other, by their contrast. The
 //! ratio of both is what a cell says. A cell is compared twice, as a whole and [between its edges](Layer::Grain) only: edges are made in
-//! numbers and outweigh the grain around them. Cells that hang together are one piece (`areas`), and pieces are weighed as for all sensors
+//! numbers and outweigh the grain around them. Where little of what is bare is known again by its own map, what looks like wear is made in numbers (`worn`).
+//! Cells that hang together are one piece (`areas`), and pieces are weighed as for all sensors
 //! ([`backend::verdict`]).
 
 mod agreement;
 mod areas;
 mod own;
 mod seen;
+mod worn;
 
 use crate::acceptance::PlaceEvidence;
 use crate::prepared::PreparedMap;
@@ -26,6 +28,7 @@ use own::{Looked, Own, spot};
 use rayon::prelude::*;
 pub use seen::{SeenFrame, frames_verdict};
 use serde::{Deserialize, Serialize};
+use worn::Worn;
 
 params! {
     /// How it is judged whether two maps show one place.
@@ -77,8 +80,10 @@ pub fn place_verdict(
         .enumerate()
         .map(|edge| spots(source, target, edge, &sides, &agreements, params).unwrap_or_default())
         .collect();
-    let weighed = weigh(&pieces(&spots.concat(), &noise, params), &params.prior);
-    PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &params.prior), weighed }
+    let wear = [sides.of_source.wear(params), sides.of_target.wear(params)].concat();
+    let prior = Worn::new(&wear, agreements.of(Layer::Grain).unrelated).prior(&params.prior);
+    let weighed = weigh(&pieces(&spots.concat(), &noise, params), &prior);
+    PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &prior), weighed }
 }
 
 /// What both maps show of their own surface.

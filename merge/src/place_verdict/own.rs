@@ -89,6 +89,13 @@ impl Own {
         visible(&self.seen).filter(move |(_, cell)| cell.layer == layer).filter_map(of)
     }
 
+    /// Correlations of cells of wear in other keyframes of the map.
+    pub fn wear(&self, params: &PlaceParams) -> Vec<f64> {
+        let is_wear = |(_, cell): &(usize, &CellMatch)| cell.layer == Layer::Grain && is_wear(cell, params);
+        let cells = visible(&self.seen).filter(is_wear);
+        cells.map(|(_, cell)| cell.correlation).collect()
+    }
+
     /// The cells in their world, each keyframe's seen by one of its partners, then by the next.
     pub fn passes(&self, agreements: &Agreements, params: &PlaceParams) -> Vec<Vec<Spot>> {
         let mut passes = vec![Vec::new(); PARTNERS];
@@ -116,8 +123,7 @@ pub(super) fn spot(
     agreements: &Agreements,
     params: &PlaceParams,
 ) -> Option<Spot> {
-    let is_wear = cell.contrast <= params.max_wear_contrast && cell.roundness >= params.min_wear_roundness;
-    let kind = match (cell.layer, is_wear) {
+    let kind = match (cell.layer, is_wear(cell, params)) {
         (Layer::Pattern, false) => PieceKind::Look,
         (Layer::Grain, true) => PieceKind::Wear,
         (Layer::Pattern, true) | (Layer::Grain, false) => return None,
@@ -128,6 +134,11 @@ pub(super) fn spot(
         kind,
         ln_agreement: agreements.of(cell.layer).ln_ratio(cell, known),
     })
+}
+
+/// Whether it is wear if anything shows between the edges.
+fn is_wear(cell: &CellMatch, params: &PlaceParams) -> bool {
+    cell.contrast <= params.max_wear_contrast && cell.roundness >= params.min_wear_roundness
 }
 
 /// How far aside another camera is from a keyframe and how far it is turned: the angle that what is seen moves by, radians.
