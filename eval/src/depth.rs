@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn deviations_are_judged_by_the_errors_whatever_the_unit() {
+    fn deviations_are_compared_with_the_errors_whatever_the_unit() {
         let mut random = geometry::Random::new(3);
         let mut pair = |stated: f64| {
             let error = 0.02 * random.normal();

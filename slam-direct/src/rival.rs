@@ -95,19 +95,19 @@ impl Motions<'_> {
     /// The points that agree with each of two motions, begun at one pose.
     fn two(&self, all: &[usize], start: &Se3) -> [Vec<usize>; 2] {
         let (mut first, mut second) = (*start, *start);
-        let mut found = self.agreeing(all, &first, &mut second);
+        let mut found = self.inliers_of_both(all, &first, &mut second);
         for _ in 1..ROUNDS {
             let of_second = &found[1];
             let without: Vec<usize> =
                 all.iter().copied().filter(|i| of_second.binary_search(i).is_err()).collect();
             first = self.fit(&without, &first);
-            found = self.agreeing(all, &first, &mut second);
+            found = self.inliers_of_both(all, &first, &mut second);
         }
         found
     }
 
     /// The points that agree with the first motion, and those of the rest that agree with the second, which is fitted to the rest.
-    fn agreeing(&self, all: &[usize], first: &Se3, second: &mut Se3) -> [Vec<usize>; 2] {
+    fn inliers_of_both(&self, all: &[usize], first: &Se3, second: &mut Se3) -> [Vec<usize>; 2] {
         let [of_first, rest] = self.split(all, first);
         *second = self.fit(&rest, second);
         let [of_second, _] = self.split(&rest, second);

@@ -90,7 +90,7 @@ const DRIFT: (f64, f64) = (0.1, 0.0087);
 /// reaches together, radians.
 const REACH: (f64, f64) = (6.0, 0.35);
 /// A turn by a radian counts as so many metres of path.
-const TURN: f64 = 1.0;
+const METRES_PER_RADIAN: f64 = 1.0;
 
 /// How far the odometry may have drifted between any two keyframes: errors of its steps, carried along its poses and summed up to each.
 #[derive(Clone, Debug, Default)]
@@ -140,7 +140,7 @@ impl Drift {
         let (path, covariance) = match (self.poses.last(), self.paths.last(), self.covariances.last()) {
             (Some(last), Some(path), Some(covariance)) => {
                 let step = last.inverse() * *pose;
-                let metres = step.translation.norm() + TURN * step.rotation.angle();
+                let metres = step.translation.norm() + METRES_PER_RADIAN * step.rotation.angle();
                 let mut sum = covariance + carried(pose, &(variances(DRIFT) * metres));
                 let mut translation = sum.fixed_view_mut::<3, 3>(0, 0);
                 translation += guessed;

@@ -19,7 +19,7 @@ const GRAIN: f32 = 4.0;
 /// Robots' drives of each seed.
 const DRIVES: u64 = 4;
 /// Frames in which a camera turns there and back before it moves, frames while it moves, and frames a second.
-const TURN: (usize, usize, f64) = (120, 150, 30.0);
+const PANNED: (usize, usize, f64) = (120, 150, 30.0);
 /// Standard deviation of the noise of a camera that turns first, grey levels.
 const NOISE: f64 = 2.0;
 
@@ -121,7 +121,7 @@ impl Case {
 
 /// A camera that turns to one side and back, and moves only then.
 fn turns_first(seed: u64) -> Recording {
-    let (turning, moving, rate) = TURN;
+    let (turning, moving, rate) = PANNED;
     let walk = trajectory::walk(moving, rate, seed);
     let angle = if seed.is_multiple_of(2) { 0.9 } else { -0.9 };
     let there = trajectory::turning(walk[0], turning / 2, angle);

@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scale_that_changes_half_way_is_wrong() {
+    fn a_scale_that_changes_midway_is_wrong() {
         let middle = Vector3::new(1f64.sin(), 0.0, 1f64.cos());
         let shrunk = |i: usize, at: Vector3<f64>| if i < 50 { at } else { middle + (at - middle) * 0.5 };
         let fragment = judge(&drive(|_| Seen::Place(0), shrunk), 10.0);

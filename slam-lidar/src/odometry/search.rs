@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sweep_is_sought_about_every_axis_to_either_side() {
+    fn a_sweep_is_searched_for_about_every_axis_to_either_side() {
         let turned: Vec<[f64; 3]> = turns().iter().map(|turn| turn.rotation.scaled_axis().into()).collect();
         assert!(
             turned
