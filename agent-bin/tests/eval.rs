@@ -60,6 +60,19 @@ fn runs_are_compared_by_themselves_in_one_table() {
 }
 
 #[test]
+fn of_the_folder_of_a_merge_the_trajectories_are_named() {
+    let room = tempfile::tempdir().unwrap();
+    for name in ["trajectory-b.txt", "trajectory-a.txt", "map.mcap"] {
+        std::fs::write(room.path().join(name), "").unwrap();
+    }
+    let refused = eval(room.path().to_str().unwrap(), "truth.tum", &[]);
+    let printed = stderr(&refused);
+    assert!(!refused.status.success() && printed.contains("several agents"), "{printed}");
+    let [a, b] = ["a", "b"].map(|name| printed.find(&format!("trajectory-{name}.txt")));
+    assert!(a.is_some() && a < b && !printed.contains("map.mcap"), "{printed}");
+}
+
+#[test]
 fn what_cannot_be_compared_is_refused_with_a_reason() {
     let cases: [(&str, &str, &[&str], &str); 4] = [
         ("estimate.tum", "truth.kitti", &[], "--frames"),

@@ -15,6 +15,8 @@ fn values_without_sense_are_wrong_usage() {
     };
     run(&["--fps", "-5"], &["--fps -5 is not a frame rate"]);
     run(&["--threads", "0"], &["--threads must be 1 or more", "one per core"]);
+    assert_misused(&["merge", "a", "b", "--out", "c", "-j", "0"], &["--threads must be 1 or more"]);
+    assert_misused(&["agent", "--threads", "0"], &["--threads must be 1 or more"]);
     run(&["--realtime", "--speed", "0"], &["--speed 0"]);
     run(&["--fov", "400"], &["--fov 400", "degrees"]);
     run(&["--max-width", "20"], &["--max-width 20"]);

@@ -1,6 +1,6 @@
 //! Trajectories in files compared with the truth in files, as people name them.
 
-use crate::run::{TRAJECTORY, numbered};
+use crate::run::{LIVE_TRAJECTORY, TRAJECTORY, numbered};
 use anyhow::{Result, bail};
 use eval::{Evaluation, Options, Trajectory, read_times, read_trajectory};
 use serde::Serialize;
@@ -81,6 +81,18 @@ pub fn read_truth(path: &Path) -> Result<Trajectory> {
     }
 }
 
+/// The trajectories in the folder of a merge, in order of their names.
+fn trajectories_of_agents(folder: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let is_one = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.starts_with("trajectory-") && name.ends_with(".txt") && *name != *LIVE_TRAJECTORY
+    };
+    let mut found: Vec<String> = entries.filter(is_one).map(|path| path.display().to_string()).collect();
+    found.sort();
+    found
+}
+
 /// The file of an estimate: it itself, or that in the folder of a run.
 ///
 /// # Errors
@@ -90,10 +102,18 @@ pub fn trajectory_at(path: &Path) -> Result<PathBuf> {
     match (path.is_dir(), file.is_file()) {
         (false, _) => Ok(path.to_owned()),
         (true, true) => Ok(file),
-        (true, false) => bail!(
-            "{}: holds no trajectory.txt\nhint: give the folder of a run, or a trajectory; `loopbox export --tum` writes \
-             that of a map",
-            path.display()
-        ),
+        (true, false) => match trajectories_of_agents(path).as_slice() {
+            [] => bail!(
+                "{}: holds no trajectory.txt\nhint: give the folder of a run, or a trajectory; `loopbox export --tum` writes \
+                 that of a map",
+                path.display()
+            ),
+            several => bail!(
+                "{}: holds the trajectories of several agents\nhint: give those to be measured, before --gt with one truth for each \
+                 in the same order: {}",
+                path.display(),
+                several.join(" ")
+            ),
+        },
     }
 }

@@ -135,7 +135,14 @@ fn track_from_world(map: &Map, file: &Path, max_diff: f64) -> Result<Sim3> {
         "a track is of one agent, the map of {}: split it by `loopbox unmerge`, or give a scale",
         map.agents.len()
     );
-    let pairs = associate(&estimate, &read_trajectory(file)?, max_diff)?;
+    let track = read_trajectory(file)?;
+    ensure!(
+        track.timestamps.is_some(),
+        "{}: its poses have no time stamps, by which those of the map are found\nhint: --track takes a TUM file, with the time before \
+         each pose",
+        file.display()
+    );
+    let pairs = associate(&estimate, &track, max_diff)?;
     Ok(align(&pairs, AlignMode::Sim3)?.0)
 }
 
@@ -229,6 +236,16 @@ mod tests {
         assert_eq!(place(&mut placed, Some(&scale), None).unwrap(), 1.0);
         assert!(placed.is_metric() && placed.keyframes == map.keyframes);
         assert!(place(&mut placed, Some(&Metres::Scale(-1.0)), None).is_err());
+    }
+
+    #[test]
+    fn a_track_without_times_is_refused_by_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("03.txt");
+        std::fs::write(&file, "1 0 0 0 0 1 0 0 0 0 1 0\n1 0 0 1 0 1 0 0 0 0 1 0\n").unwrap();
+        let track = Metres::Track { file: file.clone(), max_diff: 0.02 };
+        let error = placement(&map(), Some(&track), None).unwrap_err().to_string();
+        assert!(error.contains("03.txt: its poses have no time stamps") && error.contains("TUM"), "{error}");
     }
 
     #[test]

@@ -275,8 +275,8 @@ pub(crate) fn lock(folder: &Path) -> Result<Option<File>> {
     match file.try_lock() {
         Ok(()) => Ok(Some(file)),
         Err(TryLockError::WouldBlock) => bail!(
-            "{}: another loopbox is writing its results there\nhint: wait until it has ended, or give --out another \
-             folder",
+            "{}: another loopbox is writing its results there\nhint: wait until it has ended, or give another folder \
+             (--out, or `out` in an agent's file)",
             folder.display()
         ),
         Err(TryLockError::Error(_)) => Ok(None),

@@ -1,15 +1,33 @@
 //! Image files without a table: numbered, or named by their times.
 
-use super::FoundCalibration;
 use super::image_list::{ImageList, Timed, first_existing, images_in};
+use super::{FoundCalibration, SourceOptions};
 use anyhow::{Result, bail};
 use scans::tables::{Numbers, stamps_of_names};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+/// Folders above one of images that may be the recording: of EuRoC's `mav0/cam0/data` it is the third.
+const ABOVE: usize = 3;
 /// Words in names of images that are no pictures of the scene by the camera that is taken.
 const OTHERS: [&str; 9] =
     ["depth", "disp", "disparity", "mask", "label", "semantic", "seg", "normal", "right"];
+
+/// How images without times get them: from the recording that the folder is a part of, if it is one.
+fn hint_for_times(folder: &Path) -> String {
+    let found = folder.canonicalize().unwrap_or_else(|_| folder.to_owned());
+    let above = found.ancestors().skip(1).take(ABOVE);
+    match above.into_iter().find(|above| crate::open(above, &SourceOptions::default()).is_ok()) {
+        Some(recording) => format!(
+            "the recording is the folder {}, which has their times; --fps 30 takes these images alone, as 30 a second",
+            recording.display()
+        ),
+        None => {
+            "give their frame rate, such as --fps 30, or a times.txt with a line 'seconds image' for each"
+                .into()
+        }
+    }
+}
 
 /// Opens the folder if it, its `images/` or the only other folder in it that shows a scene holds image files.
 ///
@@ -43,10 +61,10 @@ pub fn open(folder: &Path, fps: Option<f64>) -> Result<Option<ImageList>> {
                 ("folder of numbered images", frames, Vec::new())
             }
             (None, None) => bail!(
-                "{}: {} images but no time stamps\nhint: give their frame rate, such as --fps 30, or a times.txt \
-                 with a line 'seconds image' for each",
+                "{}: {} images but no time stamps\nhint: {}",
                 folder.display(),
-                files.len()
+                files.len(),
+                hint_for_times(folder)
             ),
         };
         let list = ImageList::new(kind, folder, &images, frames, calibration)?;

@@ -87,7 +87,19 @@ fn may_be_one(file: &Path) -> bool {
     let mut head = Vec::new();
     let read = File::open(file).and_then(|file| file.take(HEAD).read_to_end(&mut head));
     let text = String::from_utf8_lossy(&head).to_ascii_lowercase();
-    read.is_ok() && (text.len() < SHORT || WORDS.iter().any(|word| text.contains(word)))
+    read.is_ok() && !is_table(&text) && (text.len() < SHORT || WORDS.iter().any(|word| text.contains(word)))
+}
+
+/// Whether a text has more rows of numbers than a calibration without words: a trajectory, say, whose heading names the camera.
+fn is_table(text: &str) -> bool {
+    const MOST_ROWS: usize = 8;
+    let rows = text.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
+    let numbers = rows.take(MOST_ROWS + 1).filter(|row| {
+        row.split([' ', '\t', ',', ';'])
+            .filter(|part| !part.is_empty())
+            .all(|part| part.parse::<f64>().is_ok())
+    });
+    numbers.count() > MOST_ROWS
 }
 
 /// What to say of a file; `None` of one that is no calibration.

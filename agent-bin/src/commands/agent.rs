@@ -1,5 +1,6 @@
 //! `loopbox agent`: an agent that nobody looks after.
 
+use super::threads::ThreadsArg;
 use crate::console::tell;
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Context, Result};
@@ -20,9 +21,8 @@ pub struct AgentArgs {
     /// The file that says all about it
     #[arg(value_name = "FILE", default_value = "agent.toml")]
     config: PathBuf,
-    /// Threads for mapping; default: one per core
-    #[arg(long, value_name = "COUNT")]
-    threads: Option<usize>,
+    #[command(flatten)]
+    threads: ThreadsArg,
 }
 
 /// Runs it.
@@ -30,11 +30,8 @@ pub struct AgentArgs {
 /// # Errors
 /// When what the file says cannot be used.
 pub fn execute(args: &AgentArgs) -> Result<()> {
+    args.threads.start()?;
     let config = AgentConfig::read(&args.config)?;
-    if let Some(threads) = args.threads {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build_global();
-        pool.context("cannot start threads")?;
-    }
     let stop = stop_on_ctrl_c("stopping: the map is brought to the disk (again to abort)")?;
     end_in_time(&stop)?;
     match supervise(&config, &stop, Arc::new(|text| tell!("{text}")))? {

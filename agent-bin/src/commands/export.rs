@@ -170,6 +170,14 @@ impl Outputs {
     }
 }
 
+/// A factor with as many figures as a measured length has at most.
+fn figures(factor: f64) -> String {
+    const FIGURES: i32 = 6;
+    let decimals = FIGURES - 1 - factor.abs().log10().floor() as i32;
+    let power = 10f64.powi(decimals);
+    format!("{}", (factor * power).round() / power)
+}
+
 /// Runs `loopbox export`.
 ///
 /// # Errors
@@ -182,7 +190,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     let metres = args.placing.metres(&map)?;
     let growth = place(&mut map, metres.as_ref(), args.placing.up)?;
     if metres.is_some() || growth != 1.0 {
-        say!("lengths are {growth} times those of the map");
+        say!("lengths are {} times those of the map", figures(growth));
     }
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
         tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());

@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// Arguments of `loopbox info`.
 #[derive(Args, Debug)]
 pub struct InfoArgs {
-    /// A recording (folder of images or scans, MCAP file, ROS 1 bag or video file) or a map (map.mcap, or the folder of a run)
+    /// A recording (folder of images or scans, MCAP file, ROS 1 or ROS 2 bag, or video file) or a map (map.mcap, or the folder of a run)
     path: PathBuf,
     /// Frames per second of images without time stamps
     #[arg(long, value_name = "RATE")]

@@ -3,6 +3,7 @@
 use super::judging::JudgingArgs;
 use super::merge_progress::MergeProgress;
 use super::merge_scans;
+use super::threads::ThreadsArg;
 use crate::console::{self, Ended, Ending, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
@@ -51,6 +52,8 @@ pub struct MergeArgs {
     /// Show no progress
     #[arg(short, long)]
     pub(super) quiet: bool,
+    #[command(flatten)]
+    threads: ThreadsArg,
 }
 
 /// Runs `loopbox merge`.
@@ -59,6 +62,7 @@ pub struct MergeArgs {
 /// When a map cannot be read, no two of the maps met, the common map cannot be made or written, or the user ended
 /// it. Then nothing is written.
 pub fn run(args: &mut MergeArgs) -> Result<()> {
+    args.threads.start()?;
     args.maps = local_files(&args.maps, &|text| console::step(args.quiet, text))?;
     let args = &*args;
     if let Some(lidar_from_camera) = &args.extrinsic {

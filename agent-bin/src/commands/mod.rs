@@ -38,6 +38,7 @@ mod shell;
 mod station;
 mod status;
 mod survey;
+mod threads;
 mod unmerge;
 mod verdict;
 #[cfg(feature = "view")]

@@ -1,8 +1,9 @@
 //! `loopbox params`: the default parameters as a TOML file, those of a run documented.
 
 use crate::console::{self, usage};
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use loopbox::merging::MergingParams;
+use serde::Serialize;
 use serde::de::DeserializeOwned;
 use slam_direct::{DocumentedParameter, Parameter, ParameterValue, Params};
 use slam_lidar::mapping::MappingParams;
@@ -41,6 +42,9 @@ pub fn execute(args: ParamsArgs) -> Result<()> {
     Ok(())
 }
 
+/// A setting as help shows it.
+const EXAMPLE: &str = "align.max_iterations=20";
+
 /// Where the parameters of a command come from.
 #[derive(Clone, Debug, Default, clap::Args)]
 pub struct ParameterArgs {
@@ -48,9 +52,10 @@ pub struct ParameterArgs {
     /// merging
     #[arg(long, value_name = "FILE")]
     params: Option<PathBuf>,
-    /// Give a parameter this value, in place of the default's and the file's, such as --set tracking.max_iterations=20; for each
-    /// parameter once
-    #[arg(long, value_name = "KEY=VALUE", value_parser = Setting::parse)]
+    #[arg(long, value_name = "KEY=VALUE", value_parser = Setting::parse, help = format!(
+        "Give a parameter this value, in place of the default's and the file's, such as --set {EXAMPLE} of a run over images; for \
+         each parameter once"
+    ))]
     set: Vec<Setting>,
 }
 
@@ -86,7 +91,9 @@ impl ParameterArgs {
     /// # Errors
     /// Names the file, and the line with an unknown key or a value of the wrong type; or the setting.
     pub fn of_run(&self) -> Result<Params> {
-        self.read("loopbox params")
+        let params: Params = self.read("loopbox params")?;
+        self.blamed(params.validate().map_err(Into::into))?;
+        Ok(params)
     }
 
     /// Those of a run over scans.
@@ -94,7 +101,9 @@ impl ParameterArgs {
     /// # Errors
     /// As [`of_run`](Self::of_run).
     pub fn of_scans(&self) -> Result<MappingParams> {
-        self.read("loopbox params --lidar")
+        let params = self.read("loopbox params --lidar")?;
+        self.blamed(check_numbers(&params, &MappingParams::default()))?;
+        Ok(params)
     }
 
     /// Those of merging.
@@ -102,7 +111,17 @@ impl ParameterArgs {
     /// # Errors
     /// As [`of_run`](Self::of_run).
     pub fn of_merging(&self) -> Result<MergingParams> {
-        self.read("loopbox params --merge")
+        let params = self.read("loopbox params --merge")?;
+        self.blamed(check_numbers(&params, &MergingParams::default()))?;
+        Ok(params)
+    }
+
+    /// A value that cannot be worked with is the file's fault or, of settings, that of the command.
+    fn blamed(&self, checked: Result<()>) -> Result<()> {
+        match (&self.params, self.set.is_empty()) {
+            (Some(path), true) => checked.with_context(|| path.display().to_string()),
+            _ => usage(checked),
+        }
     }
 
     /// What the file and the settings say, in the form that `command` prints.
@@ -128,6 +147,40 @@ impl ParameterArgs {
         }
         P::deserialize(table).context("the defaults cannot be read")
     }
+}
+
+/// Refuses numbers that cannot be worked with, of parameters that state no ranges: what is not finite, what is negative where the default
+/// is not, and a count of zero where the default is none.
+fn check_numbers<P: Serialize>(params: &P, defaults: &P) -> Result<()> {
+    let value = |params| Value::try_from(params).context("the parameters cannot be written as TOML");
+    check_value("", &value(params)?, &value(defaults)?)
+}
+
+fn check_value(name: &str, value: &Value, default: &Value) -> Result<()> {
+    let is_refused = match (value, default) {
+        (Value::Table(values), Value::Table(defaults)) => {
+            return defaults.iter().try_for_each(|(key, default)| {
+                let path = if name.is_empty() { key.clone() } else { format!("{name}.{key}") };
+                values.get(key).map_or(Ok(()), |value| check_value(&path, value, default))
+            });
+        }
+        (Value::Array(values), Value::Array(defaults)) => {
+            return values
+                .iter()
+                .zip(defaults)
+                .try_for_each(|(value, default)| check_value(name, value, default));
+        }
+        (Value::Integer(value), Value::Integer(default)) => *value < (*default).clamp(0, 1),
+        (Value::Float(value), Value::Float(default)) => {
+            !value.is_finite() && default.is_finite() || *value < 0.0 && *default >= 0.0
+        }
+        _ => false,
+    };
+    if is_refused {
+        let least = if matches!(default, Value::Integer(1..)) { 1 } else { 0 };
+        bail!("parameter {name} = {value}: it must be a number of at least {least}");
+    }
+    Ok(())
 }
 
 /// Puts the values of `changes` in place of those of `table`.
@@ -225,6 +278,23 @@ mod tests {
         }
         assert!(Setting::parse("joint").unwrap_err().contains("KEY=VALUE"));
         assert!(Setting::parse("a b=1").unwrap_err().contains("no name of a parameter"));
+    }
+
+    #[test]
+    fn numbers_that_cannot_be_worked_with_are_refused() {
+        for (setting, value) in
+            [("rank.max_ratio=-0.5", "-0.5"), ("meeting.places=0", "0"), ("places.bow.min_score=inf", "inf")]
+        {
+            let error = format!("{:#}", given(None, &[setting]).of_merging().unwrap_err());
+            let name = setting.split('=').next().unwrap();
+            assert!(error.starts_with(&format!("parameter {name} = {value}: it must be")), "{error}");
+        }
+        let error = given(None, &["odometry.range=[-1.0, 100.0]"]).of_scans().unwrap_err();
+        assert!(error.to_string().starts_with("parameter odometry.range = -1.0: it must be"), "{error}");
+        let error = given(None, &["bootstrap.min_inliers=7.5"]).of_run().unwrap_err();
+        assert!(error.to_string().contains("min_inliers = 7.5: it must be in the range 0.1 to 1"), "{error}");
+        assert!(given(None, &[EXAMPLE]).of_run().is_ok());
+        assert!(given(None, &[]).of_scans().is_ok() && given(None, &[]).of_merging().is_ok());
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use super::keys::KeysArg;
 use super::publishing::Ros2Args;
+use super::threads::ThreadsArg;
 #[cfg(feature = "view")]
 use super::watching::ServeArgs;
 use crate::console::{self, tell};
@@ -40,6 +41,8 @@ pub struct StationArgs {
     #[arg(short, long)]
     quiet: bool,
     #[command(flatten)]
+    threads: ThreadsArg,
+    #[command(flatten)]
     publishing: Ros2Args,
     #[cfg(feature = "view")]
     #[command(flatten)]
@@ -57,6 +60,7 @@ pub fn run(args: &StationArgs) -> Result<()> {
         );
     }
     args.publishing.check()?;
+    args.threads.start()?;
     let options = FleetOptions {
         out: args.out.clone(),
         force: args.force,

@@ -86,13 +86,11 @@ fn described(beat: &Heartbeat) -> String {
         beat.keyframes,
         beat.up_s
     );
-    let _ = writeln!(
-        text,
-        "session {} in {}, {}",
-        beat.session,
-        beat.folder,
-        beat.continues.as_ref().map_or("a new map".into(), |map| format!("goes on in {map}"))
-    );
+    let continued = beat.continues.as_ref().map_or("a new map".into(), |map| format!("goes on in {map}"));
+    let _ = match beat.session {
+        0 => writeln!(text, "no session yet"),
+        session => writeln!(text, "session {session} in {}, {continued}", beat.folder),
+    };
     let _ = writeln!(
         text,
         "{} of {} frames tracked, {} dropped, {} missed, lost {}",

@@ -2,11 +2,11 @@
 
 use super::info_map::load_at;
 use super::watching::PageArgs;
-use crate::console::tell;
+use crate::console::{self, tell};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use map::Map;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 use view::watch::{Shared, saved, web::Server};
@@ -20,6 +20,9 @@ pub struct ViewArgs {
     /// Port of the page; default: a usual one, or any that is free
     #[arg(long)]
     port: Option<u16>,
+    /// Show the page in the browser
+    #[arg(long)]
+    open: bool,
     #[command(flatten)]
     page: PageArgs,
 }
@@ -41,6 +44,9 @@ pub fn execute(args: &ViewArgs) -> Result<()> {
     let shared = Arc::new(Shared::new(saved::scene(&map)?, None));
     let server = Server::start(&shared, address, &names.join(" · "))?;
     tell!("view at {}  (Ctrl-C ends)", server.url());
+    if args.open {
+        console::show(Path::new(server.url()));
+    }
     while !stop.requested() {
         std::thread::sleep(Duration::from_millis(100));
     }

@@ -209,7 +209,7 @@ fn who_is_not_of_the_fleet_is_refused_and_both_know_why() {
         printed.contains(&format!("{at} is refused: its certificate is of another authority")),
         "{printed}"
     );
-    says(&out, &format!("{place} refused this one: this one's certificate is of another authority"));
+    says(&out, &format!("{place} refused us: its authority is not the one of our certificate"));
 
     // One whose time is over: the program says it at once, and a peer that tries nevertheless is refused.
     let expired = yard.at("expired");
@@ -223,7 +223,7 @@ fn who_is_not_of_the_fleet_is_refused_and_both_know_why() {
         "{}",
         stderr(&output)
     );
-    Peer::dials(&at, &expired).hears("this one's certificate has expired");
+    Peer::dials(&at, &expired).hears("by its clock our certificate has expired");
     says(&out, &format!("{place} is refused: its certificate has expired"));
 
     // One without any certificate, and one that speaks no TLS.

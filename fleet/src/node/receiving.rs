@@ -57,9 +57,9 @@ impl Node {
         }
         if let Message::Refused { reason } = message {
             let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
-            let text = format!("{name} refused this one: {}", printable(&reason));
+            let text = format!("{name} refused us: {}", printable(&reason));
             self.actions.push(Action::Notify(Notice::Trouble(text.clone())));
-            self.forget(link, "it refused this one");
+            self.forget(link, "it refused us");
             return self.actions.push(Action::Close { link, reason: text });
         }
         // Before it said who it is, nothing is believed; it will say it again.

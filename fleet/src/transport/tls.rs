@@ -143,15 +143,15 @@ pub(super) fn disconnect_reason(place: &str, error: &io::Error) -> Option<String
     match error {
         Tls::AlertReceived(alert) => {
             let what = match alert {
-                AlertDescription::CertificateExpired => "this one's certificate has expired for it".into(),
+                AlertDescription::CertificateExpired => "by its clock our certificate has expired".into(),
                 AlertDescription::UnknownCA | AlertDescription::DecryptError => {
-                    "this one's certificate is of another authority than its own".into()
+                    "its authority is not the one of our certificate".into()
                 }
                 AlertDescription::CertificateRequired => "it asks for a certificate".into(),
                 AlertDescription::CloseNotify => return None,
                 other => format!("it says {other:?}"),
             };
-            Some(format!("{place} refused this one: {what}"))
+            Some(format!("{place} refused us: {what}"))
         }
         Tls::NoCertificatesPresented => refused("it shows no certificate"),
         Tls::InvalidCertificate(what) => match what {

@@ -205,7 +205,7 @@ fn refuse_other_cameras(file: &Path, map: &Map, camera: &Pinhole, session: &Agen
         let part =
             if map.agents.len() == 1 { String::new() } else { format!("the part of {} in it ", info.name) };
         bail!(
-            "{}: {part}was made with a camera of {}, the images of {} are those of one of {}\nhint: a map is gone on with by the \
+            "{}: {part}was made with a camera of {}, the images of {} are those of one of {}\nhint: a map is continued by the \
              camera that made it; --calib takes its calibration",
             file.display(),
             text(own),

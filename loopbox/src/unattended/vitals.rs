@@ -8,7 +8,7 @@ use sources::notice::Notice;
 use sources::recording::RecordButton;
 use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Tells people what happens.
 pub type Report = Arc<dyn Fn(&str) + Send + Sync>;
@@ -49,7 +49,17 @@ pub struct Now {
     /// What the disk's budget says, for people.
     pub disk_trouble: Option<String>,
     was_tracking: bool,
+    loss: Option<Loss>,
 }
+
+/// A time without a pose, in a session that had one.
+struct Loss {
+    since: Instant,
+    is_reported: bool,
+}
+
+/// A loss is reported after so long: shorter ones are every day's.
+const LONG_LOSS: Duration = Duration::from_secs(3);
 
 /// Shared by all threads of the agent.
 pub struct Vitals {
@@ -74,6 +84,7 @@ impl Vitals {
             waits_for_room: false,
             disk_trouble: None,
             was_tracking: false,
+            loss: None,
         };
         Arc::new(Self { now: Mutex::new(now), started: Instant::now(), report })
     }
@@ -123,8 +134,13 @@ impl Vitals {
         (now.beat.dropped, now.beat.missed, now.beat.keyframes) = (0, 0, 0);
         (now.session_frames, now.first_memory, now.why) = (0, None, None);
         (now.waits_for, now.waits_for_room, now.was_tracking) = (None, false, false);
-        now.session = Stop::default();
-        now.session.clone()
+        (now.session, now.loss) = (Stop::default(), None);
+        let session = now.session.clone();
+        drop(now);
+        let map =
+            continues.map_or("with a new map".into(), |map| format!("and goes on in {}", map.display()));
+        self.report(&format!("session {number} begins in {} {map}", folder.display()));
+        session
     }
 
     /// Ends the session, for the first reason that is given.
@@ -147,6 +163,28 @@ impl Vitals {
 impl Now {
     fn enter(&mut self, state: State) {
         (self.beat.state, self.last_activity) = (state, Instant::now());
+    }
+
+    /// What is to be reported of losses with a frame of this state.
+    fn follow_losses(&mut self, state: TrackingState) -> Option<String> {
+        match (state, &mut self.loss) {
+            (TrackingState::Lost, None) => {
+                self.loss = Some(Loss { since: Instant::now(), is_reported: false });
+                None
+            }
+            (TrackingState::Lost, Some(loss)) if !loss.is_reported && loss.since.elapsed() >= LONG_LOSS => {
+                loss.is_reported = true;
+                Some(format!("tracking has been lost for {:.0} s", loss.since.elapsed().as_secs_f64()))
+            }
+            (TrackingState::Tracking, Some(_)) => {
+                let loss = self.loss.take().filter(|loss| loss.is_reported)?;
+                Some(format!(
+                    "tracking again, after {:.0} s without a pose",
+                    loss.since.elapsed().as_secs_f64()
+                ))
+            }
+            _ => None,
+        }
     }
 
     /// What is wrong, for people.
@@ -178,7 +216,7 @@ pub struct SessionProgress<'a> {
 
 impl Progress for SessionProgress<'_> {
     fn frame(&self, row: &FrameRow, keyframes: usize, _points: usize) {
-        let is_first = {
+        let (is_first, of_losses) = {
             let mut now = self.vitals.now();
             now.enter(match row.state {
                 TrackingState::Starting => State::Initialising,
@@ -193,8 +231,9 @@ impl Progress for SessionProgress<'_> {
             now.beat.losses += u64::from(now.was_tracking && row.state == TrackingState::Lost);
             now.was_tracking = is_tracked;
             now.beat.keyframes = keyframes as u64;
-            now.session_frames == 1
+            (now.session_frames == 1, now.follow_losses(row.state))
         };
+        of_losses.iter().for_each(|text| self.vitals.report(text));
         if is_first {
             self.vitals.now().first_memory = view::process::memory_bytes();
             (self.begun)();
@@ -277,6 +316,28 @@ mod tests {
         progress.note_of("disk", "there is room");
         let beat = vitals.heartbeat();
         assert!(beat.healthy && beat.last_error.as_deref() == Some("the disk is full"));
+    }
+
+    #[test]
+    fn the_log_says_when_a_session_begins_and_when_tracking_is_lost_for_long() {
+        let lines = Arc::new(Mutex::new(Vec::new()));
+        let log = Arc::clone(&lines);
+        let vitals =
+            Vitals::new("one".into(), Arc::new(move |text| log.lock().unwrap().push(text.to_owned())));
+        vitals.begin(2, Path::new("out/000002"), Some(Path::new("out/000001/map.mcap")));
+        let mut now = vitals.now();
+        assert_eq!(now.follow_losses(TrackingState::Lost), None, "it may be found at once");
+        now.loss.as_mut().unwrap().since -= LONG_LOSS;
+        assert_eq!(now.follow_losses(TrackingState::Lost).as_deref(), Some("tracking has been lost for 3 s"));
+        assert_eq!(now.follow_losses(TrackingState::Lost), None, "once is enough");
+        let found = now.follow_losses(TrackingState::Tracking);
+        assert_eq!(found.as_deref(), Some("tracking again, after 3 s without a pose"));
+        assert_eq!(
+            (now.follow_losses(TrackingState::Lost), now.follow_losses(TrackingState::Tracking)),
+            (None, None)
+        );
+        let begun = "session 2 begins in out/000002 and goes on in out/000001/map.mcap";
+        assert_eq!(*lines.lock().unwrap(), [begun]);
     }
 
     #[test]

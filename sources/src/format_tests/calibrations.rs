@@ -252,6 +252,9 @@ fn sidecar_calibration_files_of_images_are_named() {
                </Distortion_Coefficients></opencv_storage>";
     let nerf = r#"{"fl_x": 20.0, "fl_y": 20.0, "cx": 8.0, "cy": 6.0, "w": 16, "h": 12, "k1": -0.1, "camera_model": "OPENCV", "frames": []}"#;
     let kitti = "P0: 20 0 7.5 0 0 20 5.5 0 0 0 1 0\nP1: 20 0 7.5 -8 0 20 5.5 0 0 0 1 0\n";
+    let heading = "# timestamp tx ty tz qx qy qz qw : world_from_camera\n";
+    let row = |second: usize| format!("{second}.066667 -3.28 -6.51 1.31 -0.14 0.69 -0.68 0.14\n");
+    let trajectory = heading.to_owned() + &(0..12).map(row).collect::<String>();
     for (name, text, words) in [
         ("camchain.yaml", chain(&["cam0"]), "--calib #camchain.yaml takes it"),
         (
@@ -275,6 +278,7 @@ fn sidecar_calibration_files_of_images_are_named() {
         let mut files: Vec<(&str, &[u8])> = images.iter().map(|image| (image.as_str(), &[][..])).collect();
         files.push((name, text.as_bytes()));
         files.push(("times.txt", b"10.0\n10.1\n10.2\n10.3\n"));
+        files.push(("groundtruth.txt", trajectory.as_bytes()));
         files.push(("notes.txt", b"the camera of the second floor, fx unknown"));
         files.push(("run.json", b"{\"camera\": {\"fx\": 3}}"));
         let room = folder(&files);

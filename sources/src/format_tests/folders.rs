@@ -300,6 +300,12 @@ fn folders_without_a_table_of_a_known_name() {
         assert_times(&read_at(room.path(), Some(10.0)), scene);
         assert!(refused(room.path()).contains("4 images but no time stamps"));
     }
+    let room = folder(&[("times.txt", b"0.0\n0.1\n"), ("images/0.png", &[]), ("images/1.png", &[])]);
+    let refusal = refused(&room.path().join("images"));
+    assert!(
+        refusal.contains("hint: the recording is the folder") && refusal.contains("has their times"),
+        "{refusal}"
+    );
     let room = folder(&[("front/0.png", &[]), ("rear/0.png", &[]), ("depth/0.png", &[])]);
     let refusal = refused(room.path());
     assert!(refusal.contains("give that folder or file itself, of depth/, front/, rear/"), "{refusal}");

@@ -74,7 +74,12 @@ pub fn run(recordings: &Path, out: &Path) -> Result<()> {
 /// The recordings of a folder, in order of their names.
 fn recordings_in(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries =
-        std::fs::read_dir(folder).with_context(|| format!("{}: cannot be read", folder.display()))?;
+        std::fs::read_dir(folder).with_context(|| {
+            format!(
+                "{}: no folder of recordings\nhint: run it where loopbox's demo/ is, or name a folder with two recordings",
+                folder.display()
+            )
+        })?;
     let mut found: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
     found.retain(|path| path.is_dir());
     found.sort();
