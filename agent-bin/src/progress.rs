@@ -5,6 +5,7 @@ use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use loopbox::counted;
 use loopbox::run::{FrameRow, Progress, RunRecord, state_name};
 use serde_json::json;
+use slam_direct::Frame;
 use sources::ahead::Skip;
 use sources::notice::Notice;
 use std::cell::RefCell;
@@ -56,6 +57,11 @@ impl Console {
         Self { display, bar, losses: RefCell::default(), repeats: RefCell::default() }
     }
 
+    /// Whether there is a bar that nobody sees, as where the output goes into a file.
+    pub fn is_unseen(&self) -> bool {
+        self.display == Display::Bar && self.bar.is_hidden()
+    }
+
     /// A text that is to be said; the last one of its kind says so.
     fn not_too_often(&self, kind: &str, text: &str) -> Option<String> {
         let mut repeats = self.repeats.borrow_mut();
@@ -84,6 +90,12 @@ impl Progress for Console {
             Display::Json => log_line(&json!({
                 "event": "frame", "frame": row, "keyframes": keyframes, "points": points,
             })),
+        }
+    }
+
+    fn looked_at(&self, frame: &Frame) {
+        if self.display == Display::Bar {
+            self.bar.set_position(frame.index + 1);
         }
     }
 

@@ -1,26 +1,26 @@
 //! `loopbox run`: tracks and maps a recording.
 
 use super::params::ParameterArgs;
-use super::publishing::{self, Ros2Args};
+use super::publishing::Ros2Args;
 use super::run_scans::{self, OpenScans, ScanArgs, ScanRun};
+use super::threads::ThreadsArg;
 use super::watching::ViewArgs;
 use crate::console::{Ended, Ending, usage};
 use crate::interrupt::stop_on_ctrl_c;
-use crate::progress::{Console, Display};
-use anyhow::{Context, Result, anyhow, bail};
+use crate::progress::Display;
+use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
 use loopbox::open::recording_name;
-use loopbox::run::{
-    Listeners, PreparedRun, Progress, Recording, Resume, ResumeMode, RunOptions, TrajectoryFormat,
-};
+use loopbox::run::{Listeners, Recording, Resume, ResumeMode, RunOptions, TrajectoryFormat};
 use sources::ahead::Pace;
 use sources::camera::{CameraArgs, open_camera};
 use sources::correction::{CameraOptions, DEFAULT_MAX_WIDTH};
 use sources::recording::refuse_existing;
-use sources::{FrameSource, SourceOptions, Stop};
+use sources::{FrameSource, SourceOptions};
 use std::path::{Path, PathBuf};
 
 mod checks;
+mod images;
 mod repeat;
 
 /// Arguments of `loopbox run`.
@@ -56,9 +56,8 @@ pub struct RunArgs {
     quiet: bool,
     #[command(flatten)]
     parameters: ParameterArgs,
-    /// Threads for mapping; default: one per core. The result does not depend on it
-    #[arg(short = 'j', long, value_name = "COUNT", allow_negative_numbers = true)]
-    threads: Option<usize>,
+    #[command(flatten)]
+    threads: ThreadsArg,
     #[command(flatten)]
     part: PartArgs,
     #[command(flatten)]
@@ -207,6 +206,7 @@ enum LogForm {
 /// results cannot be written.
 pub fn execute(args: RunArgs) -> Result<()> {
     usage(args.check_numbers())?;
+    args.threads.start()?;
     if let Some(path) = &args.map.record {
         refuse_existing(path)?;
     }
@@ -219,59 +219,9 @@ pub fn execute(args: RunArgs) -> Result<()> {
         return args.print_images();
     }
     let stop = stop_on_ctrl_c("stopping: saving what was tracked so far (Ctrl-C again to abort)")?;
-    args.start_threads()?;
     match args.repeat {
         Some(count) => repeat::repeat(args, count, &stop),
-        None => over_images(&args, &stop),
-    }
-}
-
-/// A run over images.
-fn over_images(args: &RunArgs, stop: &Stop) -> Result<()> {
-    let mut options = args.options()?;
-    let mut source = args.open()?;
-    let (progress, fov) = (Console::new(args.display(), None), args.lens.fov);
-    match args.recording() {
-        Some(recording) => options.without_calibration(source.info(), recording, fov, stop, &progress)?,
-        None => options.live_without_calibration(source.as_mut(), fov, stop, &progress)?,
-    }
-    drop(progress);
-    let prepared = PreparedRun::new(source, options)?;
-    let progress = Console::new(args.display(), prepared.frame_count());
-    if prepared.is_given_a_calibration() {
-        progress.note(&prepared.calibration());
-    }
-    prepared.problems().iter().for_each(|problem| progress.warn(problem));
-    #[cfg(feature = "fleet")]
-    let fleet = args.pairing.start(args.out(), args.quiet)?;
-    let watched = |about: &_, frames, recording| {
-        let watch = args.view.start(about, frames, recording)?;
-        #[cfg(feature = "fleet")]
-        if let Some(fleet) = &fleet {
-            fleet.report_to(watch.neighbourhood());
-        }
-        Ok(watch)
-    };
-    #[cfg(feature = "fleet")]
-    let prepared = match &fleet {
-        Some(fleet) => prepared.with_listener(fleet.publisher()?),
-        None => prepared,
-    };
-    let (prepared, publishing) = match args.publishing.start()? {
-        Some((follower, publishing)) => (prepared.with_listener(follower), Some(publishing)),
-        None => (prepared, None),
-    };
-    let mapped = prepared.go(watched, stop, &progress);
-    publishing.map(|publishing| publishing::end(publishing, args.quiet)).transpose()?;
-    let mapped = mapped?;
-    #[cfg(feature = "fleet")]
-    if let Some(fleet) = fleet {
-        args.pairing.end(fleet, args.out(), stop, args.quiet)?;
-    }
-    match (mapped.failure, mapped.apart) {
-        (Some(failure), _) => bail!("the run ended early, what was tracked is saved: {failure}"),
-        (None, Some(apart)) => bail!("{apart}"),
-        (None, None) => args.judge(mapped.record.frames.tracked_share),
+        None => images::over_images(&args, &stop),
     }
 }
 
@@ -316,7 +266,6 @@ impl RunArgs {
             let path = scans.source.info().path.display();
             return usage(Err(anyhow!("{name} is for images, and {path} holds scans of a LiDAR")));
         }
-        self.start_threads()?;
         let stop = stop_on_ctrl_c("stopping: saving what was mapped so far (Ctrl-C again to abort)")?;
         #[cfg_attr(not(feature = "fleet"), expect(unused_mut, reason = "only a fleet listens"))]
         let mut listeners = Listeners::default();
@@ -348,11 +297,6 @@ impl RunArgs {
             self.pairing.end(fleet, self.out(), &stop, self.quiet)?;
         }
         self.judge(share)
-    }
-
-    fn start_threads(&self) -> Result<()> {
-        let Some(threads) = self.threads else { return Ok(()) };
-        rayon::ThreadPoolBuilder::new().num_threads(threads).build_global().context("cannot start threads")
     }
 
     /// Whether enough was tracked.

@@ -43,6 +43,7 @@ fn the_page_of_a_station_shows_who_is_near_and_the_common_map_as_it_grows() {
     if let Some(page) = &mut page {
         page.until("the page", |p| p.value("document.documentElement.dataset.page") == "complete");
         page.until("nobody", |p| says(p, "nobody is near") && p.text("state") == "collecting");
+        page.value("window.sinceTheBeginning = true");
     }
 
     let dial = address(&station);
@@ -87,6 +88,7 @@ fn the_page_of_a_station_shows_who_is_near_and_the_common_map_as_it_grows() {
 /// What the page shows in the end, to somebody who opened it before the agents came.
 fn look(page: &mut Browser, keyframes: u64) {
     page.until("both agents", |p| p.value("document.querySelectorAll('#agents label').length") == 2);
+    assert_eq!(page.value("window.sinceTheBeginning"), true, "the page was not loaded anew when they came");
     page.until("all keyframes", |p| p.text("number-keyframes") == keyframes.to_string());
     page.until("points drawn", |p| p.number("drawn") > 1000.0);
     for words in ["map of a:", "in the common map"] {

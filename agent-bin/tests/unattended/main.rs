@@ -130,19 +130,25 @@ fn status_and_health_say_how_it_is() {
     let json: serde_json::Value = serde_json::from_str(&json).expect("it is JSON");
     assert_eq!((code, &json["stale"], &json["healthy"]), (Some(0), &false.into(), &true.into()));
     assert_documented(&json);
-    let url =
-        case.log().lines().find_map(|line| line.split_once("watch at http://")).map(|(_, at)| at.to_owned());
-    let address = url.expect("the page's address").trim_end_matches('/').to_owned();
+    let address = page_of(&case);
     let (head, body) = ask(&address, &address, "/health");
     assert!(head.starts_with("HTTP/1.1 200"), "{head}");
     let health: serde_json::Value = serde_json::from_str(&body).expect("it is JSON");
     assert_eq!((&health["state"], &health["name"]), (&"tracking".into(), &"tester".into()));
-    assert!(ask(&address, &address, "/").1.contains("</html>"), "the page is there as well");
+    let (_, page) = ask(&address, &address, "/");
+    assert!(page.contains("</html>") && page.contains("\"mode\":\"service\""), "the page is there as well");
     assert!(ask(&address, "evil.example", "/health").0.starts_with("HTTP/1.1 403"));
     agent.kill();
     std::thread::sleep(Duration::from_secs(6));
     let (code, _) = case.status(&[]);
     assert_eq!(code, Some(5), "a dead agent is not well");
+}
+
+/// Where the agent says that its page is.
+fn page_of(case: &Case) -> String {
+    let log = case.log();
+    let url = log.lines().find_map(|line| line.split_once("watch at http://")).map(|(_, at)| at);
+    url.expect("the page's address").trim_end_matches('/').to_owned()
 }
 
 /// The head and the body of an answer.
@@ -194,14 +200,20 @@ fn the_service_manager_is_notified() {
 #[cfg(feature = "camera")]
 #[test]
 fn a_camera_that_is_not_there_is_waited_for() {
-    let case = Case::of("[camera]\ndevice = \"/dev/video177\"\ncalibration = \"camera.yaml\"\n");
+    let case =
+        Case::of("[camera]\ndevice = \"/dev/video177\"\ncalibration = \"camera.yaml\"\n[page]\nport = 0\n");
     let camera = "model: pinhole\nwidth: 640\nheight: 480\nfx: 500.0\nfy: 500.0\ncx: 319.5\ncy: 239.5\ndistortion: []\n";
     fs::write(case.at("camera.yaml"), camera).expect("there is room");
     let mut agent = case.start();
     let beat = agent.until("waiting", |beat| beat["state"] == "waiting");
     assert_eq!(beat["healthy"], false);
     assert!(beat["trouble"][0].as_str().is_some_and(|text| text.contains("/dev/video177")), "{beat:#}");
-    assert_eq!(case.status(&[]).0, Some(5));
+    let (code, printed) = case.status(&[]);
+    assert!(code == Some(5) && printed.contains("no session yet"), "{printed}");
+    let address = page_of(&case);
+    let (head, page) = ask(&address, &address, "/");
+    assert!(head.starts_with("HTTP/1.1 503") && head.contains("text/html"), "{head}");
+    assert!(page.contains("waiting") && page.contains("/dev/video177"), "{page}");
     let (status, took) = agent.terminate();
     assert!(status.success() && took < FIVE_SECONDS, "{status}, {took:?}");
     assert!(!case.session(1).exists(), "nothing was mapped");

@@ -65,6 +65,11 @@ pub fn watch(command: &mut Command, viewer: Viewer) -> Result<Received> {
         Some(address) => take_all(connect(&address, viewer)?, viewer),
         None => Received::default(),
     };
+    if viewer == Viewer::Page {
+        // The page stays until somebody ends it; where the program has ended by itself nobody is there to be told.
+        let _ =
+            Command::new("kill").args(["-INT", &running.0.id().to_string()]).stderr(Stdio::null()).status();
+    }
     let status = running.0.wait().context("its end cannot be waited for")?;
     output.extend(rest.join().unwrap_or_default());
     if !status.success() {
@@ -105,7 +110,7 @@ fn connect(address: &str, viewer: Viewer) -> Result<WebSocket<TcpStream>> {
     Ok(socket)
 }
 
-/// Takes what comes until the program ends the connection.
+/// Takes what comes until the program ends the connection, or says on its page that the run is over.
 fn take_all(mut socket: WebSocket<TcpStream>, viewer: Viewer) -> Received {
     let mut received = Received::default();
     let mut subscribed = 0;
@@ -119,6 +124,7 @@ fn take_all(mut socket: WebSocket<TcpStream>, viewer: Viewer) -> Received {
             Message::Binary(bytes) if viewer == Viewer::Page => {
                 received.pictures += u64::from(bytes.first() == Some(&PAGE_PICTURE));
             }
+            Message::Text(text) if viewer == Viewer::Page && is_end(text) => break,
             Message::Text(text) => {
                 let answer = match viewer {
                     Viewer::Page => taken_in(text),
@@ -138,6 +144,12 @@ fn take_all(mut socket: WebSocket<TcpStream>, viewer: Viewer) -> Received {
 fn taken_in(mark: &str) -> Option<String> {
     let mark: Value = serde_json::from_str(mark).ok()?;
     (mark["kind"] == "round").then(|| json!({ "answer": mark["round"] }).to_string())
+}
+
+/// Whether a message says that the run is over.
+fn is_end(text: &str) -> bool {
+    let message: Option<Value> = serde_json::from_str(text).ok();
+    message.is_some_and(|message| message["status"]["state"] == "done")
 }
 
 /// The answer to an advertisement of channels: all of them.
@@ -174,6 +186,12 @@ mod tests {
     fn every_round_is_answered() {
         assert_eq!(taken_in(r#"{"kind":"round","round":7}"#).as_deref(), Some(r#"{"answer":7}"#));
         assert_eq!(taken_in(r#"{"kind":"status","status":{}}"#), None);
+    }
+
+    #[test]
+    fn the_end_of_the_run_is_recognised() {
+        assert!(is_end(r#"{"kind":"status","status":{"state":"done","frame":9}}"#));
+        assert!(!is_end(r#"{"kind":"status","status":{"state":"tracking"}}"#) && !is_end("done"));
     }
 
     #[test]

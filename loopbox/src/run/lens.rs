@@ -96,15 +96,15 @@ pub(super) struct FirstPart {
 }
 
 impl FirstPart {
-    /// Its map with a lens.
-    fn map(&self, lens: &Camera) -> Result<Map> {
+    /// Its map with a lens; `looked_at` is told each frame.
+    fn map(&self, lens: &Camera, looked_at: &dyn Fn(&Frame)) -> Result<Map> {
         let lens = (lens, self.halvings, self.mask.as_ref());
-        map_with(lens, self.recording.open()?.as_mut(), &self.params, &self.stop)
+        map_with(lens, self.recording.open()?.as_mut(), &self.params, &self.stop, looked_at)
     }
 
     /// Its lens, begun with one that is known to be wrong; nothing where it does not tell.
     pub fn lens_from(&self, wrong: &Camera) -> Option<SelfCalibration> {
-        refined(wrong, USUAL_SPREAD, &|lens, _| self.map(lens), &self.stop).ok()?.ok()
+        refined(wrong, USUAL_SPREAD, &|lens, _| self.map(lens, &|_| ()), &self.stop).ok()?.ok()
     }
 }
 
@@ -199,7 +199,7 @@ pub fn find_lens(
     };
     let map_with = |lens: &Camera, round: usize| {
         progress.stage(&format!("finding the lens, round {}", round + 1));
-        first_part.map(lens)
+        first_part.map(lens, &|frame| progress.looked_at(frame))
     };
     let stated = first.stated_focal(whole).or_else(|| source.stated_focal(whole));
     let guesses = guesses(fov, stated, whole, times);
@@ -317,12 +317,13 @@ fn images(source: &mut dyn FrameSource) -> impl Iterator<Item = (u64, GrayImage,
 }
 
 /// The largest map of the first part of a recording, made with this lens of its images halved so often, of which those are not
-/// used that the mask covers.
+/// used that the mask covers; `looked_at` is told each frame.
 fn map_with(
     (lens, halvings, mask): (&Camera, usize, Option<&DrawnMask>),
     source: &mut dyn FrameSource,
     params: &Params,
     stop: &Stop,
+    looked_at: &dyn Fn(&Frame),
 ) -> Result<Map> {
     let undistorter = Undistorter::new(lens, Crop::default())?;
     let mut params = params.clone();
@@ -355,7 +356,9 @@ fn map_with(
         }
         newest = timestamp;
         let Ok(image) = undistorter.undistort(&halved_image(image, halvings)) else { continue };
-        let state = agent.process(Frame { index, timestamp, image, color: None })?.state;
+        let frame = Frame { index, timestamp, image, color: None };
+        looked_at(&frame);
+        let state = agent.process(frame)?.state;
         lost = if state == TrackingState::Lost { lost + 1 } else { 0 };
         if size(agent.map()) >= ENOUGH_KEYFRAMES {
             break;

@@ -5,7 +5,7 @@ use super::lens::{FirstPart, FoundLens, Recording};
 use super::lens_check::GivenLens;
 use super::listeners::{Listeners, MapListener};
 use super::outlook::expect_found_camera;
-use super::output::{Output, TrajectoryFormat};
+use super::output::{Output, REPORT, TrajectoryFormat};
 use super::record::{CalibrationRecord, Setup};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
@@ -307,7 +307,10 @@ impl PreparedRun {
             progress.warn(&warning);
         }
         progress.mapped(&mapped.record, &mapped.folder);
-        watch.end(Ended(&format!("The run has ended. Its results are in {}", mapped.folder.display())));
+        let note = format!("The run has ended. Its results are in {}", mapped.folder.display());
+        let report = mapped.record.files.iter().any(|name| name == REPORT);
+        let report = report.then(|| mapped.folder.join(REPORT));
+        watch.end(Ended { note: &note, report: report.as_deref() });
         recorded?;
         Ok(mapped)
     }

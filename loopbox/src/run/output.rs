@@ -26,7 +26,7 @@ pub const TRAJECTORY: &str = "trajectory.txt";
 /// The poses as they were handed out, before what came later corrected them.
 pub const LIVE_TRAJECTORY: &str = "trajectory-live.txt";
 const CLOUD: &str = "cloud.ply";
-const REPORT: &str = "report.html";
+pub(super) const REPORT: &str = "report.html";
 const NUMBERS: &str = "run.json";
 
 /// The folder of a run's results.

@@ -1,6 +1,7 @@
 //! What a run tells while it goes on.
 
 use super::record::FrameRow;
+use slam_direct::Frame;
 use sources::ahead::Skip;
 use sources::notice::Notice;
 
@@ -8,6 +9,9 @@ use sources::notice::Notice;
 pub trait Progress {
     /// A frame was processed; the map has so many keyframes, and so many points were matched.
     fn frame(&self, _row: &FrameRow, _keyframes: usize, _points: usize) {}
+
+    /// A frame is looked at before the run, as to find the lens.
+    fn looked_at(&self, _frame: &Frame) {}
 
     /// A frame was skipped.
     fn skipped(&self, _skip: &Skip) {}

@@ -5,6 +5,7 @@ use super::vitals::Vitals;
 use crate::run::PreparedRun;
 use anyhow::Result;
 use std::sync::Arc;
+use view::watch::Watch;
 
 /// Where what agents tell each other is kept, within the folder of sessions.
 #[cfg(feature = "fleet")]
@@ -55,6 +56,13 @@ impl Pairing {
         })
     }
 
+    /// Has shown on the page of a session whom it knows.
+    pub fn show_on(&self, watch: &Watch) {
+        if let Some(fleet) = &self.0 {
+            fleet.report_to(watch.neighbourhood());
+        }
+    }
+
     /// Has all of a session's map told that is not told yet; it goes to the others while the next session runs.
     pub fn end_session(&self) {
         if let Some(fleet) = &self.0 {
@@ -91,6 +99,9 @@ impl Pairing {
     pub fn publish_run(&self, run: PreparedRun) -> Result<PreparedRun> {
         Ok(run)
     }
+
+    /// Knows nobody.
+    pub fn show_on(&self, _watch: &Watch) {}
 
     /// Has nothing to tell.
     pub fn end_session(&self) {}

@@ -228,7 +228,10 @@ impl Agent<'_> {
         let run = self.pairing.publish_run(run)?;
         let watched = |about: &_, frames, button| {
             self.vitals.now().button = Some(button);
-            self.page.show(about, frames)
+            let watch = self.page.show(about, frames)?;
+            self.pairing.show_on(&watch);
+            self.vitals.now().beat.last_error.clone().map(watch.notifier());
+            Ok(watch)
         };
         let mapped = run.go(watched, stop, &progress)?;
         mapped.apart.iter().for_each(|apart| self.vitals.report(apart));

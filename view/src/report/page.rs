@@ -3,11 +3,16 @@
 use super::script::{Script, link};
 use crate::script;
 use anyhow::Context;
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
+use sha2::{Digest, Sha256};
 use std::path::Path;
 
 /// What is around every page's body.
 const SHELL: &str = include_str!("assets/shell.html");
+/// What the policies of all pages begin with.
+const DEFAULT_POLICY: &str = "default-src 'none'";
 /// Styles of every page.
 const STYLE: &str = include_str!("assets/page.css");
 /// The 3-D view.
@@ -60,16 +65,40 @@ impl Template {
         let title = html_escaped(title);
         let of_scene: &[Script] = if self.scene { &SCENE_SCRIPTS } else { &[] };
         let scripts = link(SCRIPTS.iter().chain(of_scene).chain(self.scripts))?;
+        // As they stand between the tags: the policy has their hashes.
+        let script = format!("\n\"use strict\";\n(() => {{\n{scripts}}})();\n");
+        let style = format!("\n{STYLE}{}", self.style);
         let values = [
             ("title", &*title),
-            ("policy", self.policy),
-            ("style", &[STYLE, self.style].concat()),
+            ("policy", &*policy(&style, &script, self.policy)),
+            ("style", &style),
             ("body", &fill(self.body, &[("title", &title), ("viewer", VIEWER)])),
             ("data", &script_safe(&json)),
-            ("script", &scripts),
+            ("script", &script),
         ];
         Ok(fill(SHELL, &values))
     }
+}
+
+/// What a page may do: run its own script, use its own style, show what is in it, and `more`.
+fn policy(style: &str, script: &str, more: &str) -> String {
+    format!(
+        "{DEFAULT_POLICY}; img-src data:; style-src {}; script-src {}; base-uri 'none'; form-action 'none'{more}",
+        allowed(style),
+        allowed(script)
+    )
+}
+
+/// What allows this text alone, as a policy writes it.
+pub fn allowed(text: &str) -> String {
+    format!("'sha256-{}'", STANDARD.encode(Sha256::digest(text)))
+}
+
+/// The policy that stands in a page, for who serves it to say it too.
+pub fn policy_of(page: &str) -> Option<&str> {
+    let begins = page.find(DEFAULT_POLICY)?;
+    let policy = page[begins..].split('"').next()?;
+    policy.bytes().all(|byte| (b' '..0x7f).contains(&byte)).then_some(policy)
 }
 
 /// Writes a page to `path`, replacing what was there.
@@ -100,7 +129,7 @@ pub fn fill(template: &str, values: &[(&str, &str)]) -> String {
 }
 
 /// Text made harmless inside an HTML element or attribute.
-fn html_escaped(text: &str) -> String {
+pub fn html_escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in text.chars() {
         match c {

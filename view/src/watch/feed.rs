@@ -43,6 +43,8 @@ pub struct Pending {
     pub folder: Option<String>,
     /// Who is near, when that changed.
     pub neighbourhood: Option<Neighbourhood>,
+    /// The report is there.
+    pub report: bool,
     /// The run has ended, and nothing comes after this.
     pub ended: bool,
     /// Nothing was left since the watcher last took it.

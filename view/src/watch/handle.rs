@@ -1,16 +1,18 @@
 //! What the run's loop holds of its watchers.
 
 use super::feed::{Gatherer, LiveImage, Pending};
+use super::run_page::COMMANDS;
 use super::scene::{Agent, Scene};
 use super::status::Facts;
-use super::web::{self, Address};
-use super::{Command, Neighbourhood, Shared, watcher};
+use super::web;
+use super::{Command, Neighbourhood, RunPage, Shared, watcher};
 use crate::report::scene::kind_number;
 use anyhow::{Context, Result};
 use map::{AgentInfo, Edge, EdgeKind, Map, MapDelta};
 use slam_direct::{Frame, FrameReport, TrackingState};
 use sources::Stop;
 use sources::recording::RecordButton;
+use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
@@ -19,16 +21,14 @@ use std::time::{Duration, Instant};
 
 /// Images handed to viewers: ten a second are fluid enough to watch and cheap.
 const PICTURE_INTERVAL: Duration = Duration::from_millis(100);
-/// Commands that may wait.
-const COMMANDS: usize = 16;
 /// How often a paused run looks whether it is to stop.
 const PAUSED_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Who watches, and what for.
 #[derive(Default)]
 pub struct WatchOptions {
-    /// Serve the page there.
-    pub page: Option<Address>,
+    /// Show the run on this page, which commands it; who holds it ends it.
+    pub page: Option<RunPage>,
     /// Show the run on a page that is served already and outlives it, to be looked at only: nobody commands the run.
     pub server: Option<web::Server>,
     /// Serve Foxglove on this port of the machine's own address.
@@ -52,14 +52,19 @@ struct Inner {
     picture: Option<LiveImage>,
     recording: Option<RecordButton>,
     watcher: Option<JoinHandle<()>>,
-    page: Option<web::Server>,
+    page: Option<RunPage>,
     /// What outlives the run.
     server: Option<web::Server>,
     places: Vec<String>,
 }
 
 /// What a run's end says to its viewers.
-pub struct Ended<'a>(pub &'a str);
+pub struct Ended<'a> {
+    /// For people.
+    pub note: &'a str,
+    /// The report, where one was written.
+    pub report: Option<&'a Path>,
+}
 
 impl Watch {
     /// Nobody watches.
@@ -67,23 +72,30 @@ impl Watch {
         Self(None)
     }
 
-    /// Starts what shows a run of this agent; [`places`](Self::places) says where to look.
+    /// Starts what shows a run of this agent; [`places`](Self::places) says where else to look.
     ///
     /// # Errors
     /// When an address cannot be listened at or a thread not be started.
-    pub fn start(agent: &AgentInfo, mut options: WatchOptions) -> Result<Self> {
+    pub fn start(agent: &AgentInfo, options: WatchOptions) -> Result<Self> {
         if options.page.is_none() && options.server.is_none() && options.foxglove.is_none() {
             return Ok(Self::none());
         }
-        let (sender, commands) = sync_channel(COMMANDS);
         let camera = *agent.camera().context("only runs of cameras can be watched")?;
         let agents = vec![Agent { name: agent.name.clone(), camera, metric: agent.is_metric() }];
-        let obeys = options.server.is_none().then_some(sender);
-        let shared = Arc::new(Shared::new(Scene::of(agents), obeys));
-        let mut first = super::Status { state: "starting", frames: options.frames, ..Default::default() };
-        first.recording = options.recording.as_ref().map(|recording| recording.is_on());
-        shared.scene().set_status(first);
-        let page = options.page.take().map(|at| web::Server::start(&shared, at, &agent.name)).transpose()?;
+        let recording = options.recording.as_ref().map(|recording| recording.is_on());
+        let first =
+            super::Status { state: "starting", frames: options.frames, recording, ..Default::default() };
+        let (sender, own) = sync_channel(COMMANDS);
+        let (shared, of_page) = match &options.page {
+            Some(page) => page.begin(agents, first),
+            None => {
+                let obeys = options.server.is_none().then_some(sender);
+                let shared = Arc::new(Shared::new(Scene::of(agents), obeys));
+                shared.scene().set_status(first);
+                (shared, None)
+            }
+        };
+        let commands = of_page.unwrap_or(own);
         if let Some(server) = &options.server {
             server.show(&shared, &agent.name);
         }
@@ -92,8 +104,7 @@ impl Watch {
         #[cfg(not(feature = "foxglove-server"))]
         let foxglove: Option<String> = None;
         let foxglove = foxglove.map(|url| format!("Foxglove: open a connection to {url}"));
-        let page_at = page.iter().map(|page| format!("watch at {}", page.url()));
-        let places = page_at.chain(foxglove).collect();
+        let places = foxglove.into_iter().collect();
         let of_thread = Arc::clone(&shared);
         let watcher = std::thread::Builder::new()
             .name("watch".into())
@@ -109,13 +120,13 @@ impl Watch {
             picture: None,
             recording: options.recording,
             watcher: Some(watcher),
-            page,
+            page: options.page,
             server: options.server,
             places,
         })))
     }
 
-    /// Where to watch, a line for each way, for people.
+    /// Where to watch besides the page, a line for each way, for people.
     pub fn places(&self) -> &[String] {
         self.0.as_ref().map_or(&[], |inner| &inner.places)
     }
@@ -236,14 +247,17 @@ impl Watch {
         }
     }
 
-    /// Lets viewers have the last of the run, then ends what serves them.
-    pub fn end(mut self, Ended(note): Ended) {
+    /// Lets viewers have the last of the run. What serves them ends with it, but for the page, which is its holder's to end.
+    pub fn end(mut self, ended: Ended) {
         let Some(inner) = &mut self.0 else { return };
-        inner.shared.slot.leave(|pending| pending.note = Some(note.to_owned()));
-        inner.close();
-        if let Some(page) = &inner.page {
-            page.wait_for_clients();
+        if let (Some(page), Some(report)) = (&inner.page, ended.report) {
+            page.offer_report(report);
         }
+        inner.shared.slot.leave(|pending| {
+            pending.note = Some(ended.note.to_owned());
+            pending.report = inner.page.is_some() && ended.report.is_some();
+        });
+        inner.close();
     }
 }
 
@@ -254,7 +268,9 @@ impl Inner {
             self.shared.slot.leave(|pending| pending.ended = true);
             // A panic of the thread was printed by itself; there is nobody left to tell.
             let _ = watcher.join();
-            self.shared.over.store(true, Ordering::Release);
+            if self.page.is_none() {
+                self.shared.over.store(true, Ordering::Release);
+            }
             if let Some(server) = &self.server {
                 server.hide();
             }

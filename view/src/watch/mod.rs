@@ -13,6 +13,7 @@ mod foxglove;
 mod handle;
 mod neighbourhood;
 mod picture;
+mod run_page;
 pub mod saved;
 mod scene;
 mod station;
@@ -24,6 +25,7 @@ pub use chunk::{Chunk, POINT_BYTES};
 pub use handle::{Ended, Watch, WatchOptions};
 pub use neighbourhood::{Neighbour, Neighbourhood, PairLine, RemoteMap};
 pub use picture::Picture;
+pub use run_page::RunPage;
 pub use scene::{Agent, Cursor, Placed, Scene, SceneUpdate, Step};
 pub use station::{CommonMap, StationWatch};
 pub use status::Status;
@@ -77,6 +79,14 @@ impl Shared {
     pub fn scene(&self) -> MutexGuard<'_, Scene> {
         // Every section leaves it whole, so a panic elsewhere does not spoil it.
         self.scene.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Changes the numbers of a scene that no watcher follows at the moment.
+    fn change_status(&self, change: impl FnOnce(&mut Status)) {
+        let mut scene = self.scene();
+        let mut status = scene.status().clone();
+        change(&mut status);
+        scene.set_status(status);
     }
 
     /// Passes a command on; false when there is no run to obey it, or too many are waiting.

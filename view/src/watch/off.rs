@@ -20,7 +20,12 @@ pub enum Command {
 }
 
 /// What a run's end says to its viewers.
-pub struct Ended<'a>(pub &'a str);
+pub struct Ended<'a> {
+    /// For people.
+    pub note: &'a str,
+    /// The report, where one was written.
+    pub report: Option<&'a Path>,
+}
 
 /// Nobody watches.
 pub struct Watch;

@@ -102,8 +102,8 @@ pub struct Cursor {
 /// What a sink has not seen.
 #[derive(Default)]
 pub struct SceneUpdate {
-    /// Forget everything first; whose keyframes follow, by their names.
-    pub reset: Option<Vec<String>>,
+    /// Forget everything first; whose keyframes follow.
+    pub reset: Option<Vec<Agent>>,
     /// The numbers.
     pub status: Option<Arc<Status>>,
     /// The newest image.
@@ -247,7 +247,7 @@ impl Scene {
             self.keyframes.values().filter(|entry| entry.moved > since).map(|entry| entry.placed).collect();
         let first = self.trajectory_changes.iter().find(|(tick, _)| *tick > since);
         let mut update = SceneUpdate {
-            reset: reset.then(|| self.agents.iter().map(|agent| agent.name.clone()).collect()),
+            reset: reset.then(|| self.agents.clone()),
             status: (self.status.0 > since || reset).then(|| Arc::clone(&self.status.1)),
             picture: self.picture.1.clone().filter(|_| self.picture.0 > since),
             keyframes,
@@ -313,7 +313,7 @@ pub(super) mod tests {
         let mut scene = scene(4);
         let mut cursor = Cursor::default();
         let first = scene.update_since(&mut cursor, usize::MAX);
-        assert_eq!(first.reset, Some(vec!["yard".to_owned()]));
+        assert_eq!(first.reset.as_ref().map(|agents| &*agents[0].name), Some("yard"));
         assert_eq!((first.keyframes.len(), first.chunks.len()), (4, 4));
         let none = scene.update_since(&mut cursor, usize::MAX);
         assert!(
@@ -394,7 +394,7 @@ pub(super) mod tests {
         let other = Agent { name: "lane".into(), ..scene.agents[0].clone() };
         scene.set_agents(vec![scene.agents[0].clone(), other]);
         let update = scene.update_since(&mut cursor, usize::MAX);
-        assert_eq!(update.reset, Some(vec!["yard".to_owned(), "lane".to_owned()]));
+        assert_eq!(update.reset.map(|agents| agents.len()), Some(2));
         assert_eq!((update.keyframes.len(), update.chunks.len()), (2, 2));
     }
 }

@@ -46,7 +46,7 @@ impl StationWatch {
         move |mut near| {
             // It has no map of its own of which others could lack anything.
             near.links.iter_mut().for_each(|link| link.lacks = None);
-            set(&shared, |status| {
+            shared.change_status(|status| {
                 status.neighbourhood = Some(near);
                 status.memory_bytes = process::memory_bytes();
             });
@@ -65,18 +65,10 @@ impl StationWatch {
 
     /// Lets viewers have the last of it.
     pub fn end(self, note: &str) {
-        set(&self.shared, |status| (status.state, status.note) = ("done", note.to_owned()));
+        self.shared.change_status(|status| (status.state, status.note) = ("done", note.to_owned()));
         self.shared.over.store(true, Ordering::Release);
         self.server.wait_for_clients();
     }
-}
-
-/// Changes the numbers of a page.
-fn set(shared: &Shared, change: impl FnOnce(&mut Status)) {
-    let mut scene = shared.scene();
-    let mut status = scene.status().clone();
-    change(&mut status);
-    scene.set_status(status);
 }
 
 /// What a keyframe is called in all versions of a common map: its agent, and its number in the agent's own map.
@@ -260,6 +252,11 @@ mod tests {
         }
     }
 
+    /// Whose keyframes follow a reset.
+    fn names(update: &SceneUpdate) -> Vec<String> {
+        update.reset.iter().flatten().map(|agent| agent.name.clone()).collect()
+    }
+
     fn placed(update: &SceneUpdate) -> Vec<(u32, u16, f64)> {
         update.keyframes.iter().map(|k| (k.id, k.agent, k.world_from_keyframe.translation.x)).collect()
     }
@@ -269,7 +266,7 @@ mod tests {
         let mut page = Page::new();
         let (mut a, b) = (own("a", &[0.0, 1.0]), own("b", &[5.0]));
         let first = page.shows(&Map::unite(vec![a.clone(), b.clone()]).expect("two agents"));
-        assert_eq!(first.reset, Some(vec!["a".to_owned(), "b".to_owned()]));
+        assert_eq!(names(&first), ["a", "b"]);
         assert_eq!(placed(&first), [(0, 0, 0.0), (1, 0, 1.0), (2, 1, 5.0)]);
         assert_eq!(first.chunks.len(), 3);
         // The first agent goes on: in the united map the other's keyframes are called otherwise now.
@@ -293,10 +290,10 @@ mod tests {
         page.shows(&Map::unite(vec![a.clone(), b.clone()]).expect("two agents"));
         // Their merge is taken back.
         let alone = page.shows(&a);
-        assert_eq!(alone.reset, Some(vec!["a".to_owned()]));
+        assert_eq!(names(&alone), ["a"]);
         assert_eq!(placed(&alone), [(0, 0, 0.0), (1, 0, 1.0)]);
         let other = page.shows(&b);
-        assert_eq!((placed(&other), other.reset), (vec![(0, 0, 5.0)], Some(vec!["b".to_owned()])));
+        assert_eq!((placed(&other), names(&other)), (vec![(0, 0, 5.0)], vec!["b".to_owned()]));
         let mut nameless = own("d", &[0.0]);
         nameless.agents.values_mut().for_each(|about| about.identity = None);
         assert!(page.shows(&nameless).keyframes.is_empty(), "who has no identity cannot be told from others");

@@ -7,7 +7,7 @@ use slam_direct::{FrameReport, TrackingState};
 /// Where a run stands.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Status {
-    /// `starting`, `tracking`, `lost`, or `done`.
+    /// `preparing`, `starting`, `tracking`, `lost`, or `done`.
     pub state: &'static str,
     /// Whether no frames are taken until the user says so.
     pub paused: bool,
@@ -53,6 +53,8 @@ pub struct Status {
     pub reason: Option<&'static str>,
     /// What the program has just done, for people.
     pub note: String,
+    /// Whether the report is there, beside the page.
+    pub report: bool,
     /// The folder that results go to.
     pub folder: String,
     /// Who is near, of an agent that pairs.

@@ -169,6 +169,7 @@ impl Watcher {
         if let Some(near) = pending.neighbourhood.take() {
             status.neighbourhood = Some(near);
         }
+        status.report |= pending.report;
         if pending.ended {
             status.state = "done";
         }

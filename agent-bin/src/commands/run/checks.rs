@@ -33,9 +33,6 @@ impl RunArgs {
         if let Some(name) = &self.map.name {
             check_length(Path::new(name))?;
         }
-        if self.threads == Some(0) {
-            bail!("--threads must be 1 or more\nhint: without it there is one per core");
-        }
         if let (Some(start), Some(end)) = (self.part.start, self.part.end)
             && start >= end
         {

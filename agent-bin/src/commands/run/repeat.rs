@@ -1,6 +1,7 @@
 //! `loopbox run --repeat`: one run is one draw, and other first frames give other figures.
 
-use super::{RunArgs, over_images};
+use super::RunArgs;
+use super::images::over_images;
 use crate::commands::eval_table::{self, Form, Runs};
 use crate::console::tell;
 use anyhow::{Result, bail};

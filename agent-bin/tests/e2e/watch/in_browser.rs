@@ -57,14 +57,41 @@ fn the_page_shows_a_run_and_its_buttons_work() {
     page.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("view.png"));
 
     use_tools(&mut page);
+    // It asks first, and a letter typed elsewhere stops nothing.
+    page.value("document.body.dispatchEvent(new KeyboardEvent('keydown', { key: 'p', bubbles: true }))");
     page.click("restart");
+    assert_eq!(page.value("document.getElementById('ask-restart').open"), true);
+    assert_eq!(page.text("pause"), "Resume");
+    page.click("restart-yes");
     page.until("a new map", |p| p.number("points") == 0.0 || p.text("number-keyframes") == "0");
     page.click("pause");
     page.until("frames again", |p| p.text("pause") == "Pause" && p.text("number-frame") != frame);
-    page.until("points of the new map", |p| p.number("points") > 0.0);
+    page.until("points of the new map", |p| p.text("number-keyframes") != "0" && p.number("points") > 0.0);
     run.interrupt();
     page.until("the end", |p| p.text("state") == "finished");
     assert!(page.text("banner").contains("out-2"), "{}", page.text("banner"));
+    assert!(run.wait().success());
+    assert!(page.errors.is_empty(), "{:?}", page.errors);
+}
+
+/// The page of a recording without a calibration, from its first second to the report.
+#[test]
+fn the_token_leaves_the_address_and_the_page_leads_to_the_report() {
+    let case = Case::new(&hand_held(90));
+    std::fs::remove_file(case.source().join("camera.yaml")).expect("it is there");
+    let mut run = Served::start(case.command(&["--view=0", "--token", "open-sesame"]));
+    let Some(mut page) = Browser::open(&run.url, [1000, 600]) else { return };
+    page.until("the page", |p| p.value("document.documentElement.dataset.page") == "complete");
+    assert_eq!(page.value("location.search"), "");
+    page.until("the end", |p| p.text("state") == "finished" && p.number("points") > 1000.0);
+    // What it has by its cookie it gets again.
+    page.call("Page.reload", serde_json::json!({}));
+    page.until("the map again", |p| p.text("state") == "finished" && p.number("points") > 1000.0);
+    page.screenshot(&Path::new(env!("CARGO_TARGET_TMPDIR")).join("view-ended.png"));
+    assert_eq!(page.text("report"), "Open the report");
+    page.click("report");
+    page.until("the report", |p| p.value("document.documentElement.dataset.report") == "complete");
+    run.interrupt();
     assert!(run.wait().success());
     assert!(page.errors.is_empty(), "{:?}", page.errors);
 }

@@ -3,7 +3,7 @@
 use super::long_case;
 use super::served::Served;
 use super::socket::{Client, UPGRADE, host, request};
-use crate::support::{Case, Outcome, drive, loopbox};
+use crate::support::{Case, Outcome, drive, hand_held, loopbox};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -100,6 +100,47 @@ fn a_run_that_waits_for_its_next_image_can_be_steered() {
     client.until("the pause", |c| c.status["paused"] == true);
     client.command("resume");
     client.until("the end of the pause", |c| c.status["paused"] == false);
+}
+
+#[test]
+fn the_page_is_there_while_the_lens_is_found_and_after_the_run() {
+    let case = Case::new(&hand_held(120));
+    std::fs::remove_file(case.source().join("camera.yaml")).expect("it is there");
+    let mut run = Served::start(case.command(&["--view=0"]));
+    let mut client = Client::connect(&run.url);
+    client.until("what is done before the run", |c| {
+        c.text("state") == "preparing" && c.text("note").contains("finding the lens, round 1")
+    });
+    client.until("what is looked at", |c| c.counts[4] > 0 && c.number("frame") > 0);
+    let report = |client: &Client| client.status["report"] == true;
+    assert!(
+        !report(&client)
+            && request(host(&run.url), "/report.html", &[("Host", host(&run.url))]).0.contains("404")
+    );
+    let resets = client.resets;
+    client.until("the run", |c| c.text("state") == "tracking" && c.resets > resets && c.counts[3] > 0);
+    client.until("its end", |c| c.text("state") == "done");
+    assert!(report(&client) && client.text("note").contains("Its results are in"), "{}", client.status);
+    let (first_line, page) = request(host(&run.url), "/report.html", &[("Host", host(&run.url))]);
+    assert!(first_line.contains("200 OK") && page.contains("id=\"keyframe-title\""), "{first_line}");
+    // Whoever comes now sees it too.
+    Client::connect(&run.url).until("the map", |c| c.counts[3] > 1 && c.text("state") == "done");
+    assert!(run.runs(), "the user may look at the result");
+    run.interrupt();
+    assert!(run.wait().success());
+}
+
+#[test]
+fn the_page_says_why_there_is_no_result() {
+    let mut recording = hand_held(20);
+    let first = std::sync::Arc::clone(&recording.shots[0].image);
+    recording.shots.iter_mut().for_each(|shot| shot.image = std::sync::Arc::clone(&first));
+    let case = Case::new(&recording);
+    let mut run = Served::start(case.command(&["--view=0"]));
+    let mut client = Client::connect(&run.url);
+    client.until("the end", |c| c.text("state") == "done");
+    assert!(client.text("note").contains("no frame could be tracked"), "{}", client.status);
+    assert!(!run.wait().success());
 }
 
 #[test]

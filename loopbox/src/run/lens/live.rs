@@ -39,7 +39,7 @@ pub fn find_live_lens(
         progress
             .stage(&format!("finding the lens, round {}: move the camera sideways and turn it", round + 1));
         let lens = (lens, times, mask.as_ref());
-        map_with(lens, &mut **source.borrow_mut(), &options.params, stop)
+        map_with(lens, &mut **source.borrow_mut(), &options.params, stop, &|frame| progress.looked_at(frame))
     };
     let stated = source.borrow().stated_focal(whole);
     let search = Search { whole, times, params: &options.params, map_with: &map, stop, is_repeated: false };

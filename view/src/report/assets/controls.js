@@ -5,7 +5,7 @@ import { cloud } from "./cloud.js";
 import { COLOURS } from "./colours.js";
 import { figures } from "./numbers.js";
 import { byId, data, element, paintBar } from "./page.js";
-import { LENGTH_UNIT, agentColour, agents, keyframes, shared } from "./scene.js";
+import { agentColour, agents, keyframes, lengthUnit, shared } from "./scene.js";
 import { Tools } from "./tools.js";
 import { add, dot } from "./vectors.js";
 import { Viewer } from "./viewer.js";
@@ -17,6 +17,8 @@ export class Controls {
   constructor(viewer) {
     this.viewer = viewer;
     this.pointers = new Map();
+    /** Where the pointer was last seen, until that is looked at. @type {number[] | null} */
+    this.hovered = null;
     /** Who takes clicks instead of the choice of keyframes, and says whether it did. @type {((place: number[]) => boolean) | null} */
     this.taker = null;
     this.bindPanel();
@@ -131,7 +133,7 @@ export class Controls {
 
   /** What only images have is not offered where there are LiDARs alone. */
   withoutImages(form) {
-    if (!agents.every((agent) => agent.isLidar)) return;
+    if (!agents.length || !agents.every((agent) => agent.isLidar)) return;
     form.querySelectorAll("[data-of=images]").forEach((node) => (node.hidden = true));
     form.elements.colour.value = "1";
   }
@@ -148,25 +150,25 @@ export class Controls {
 
   /** Several agents are told apart by colour and shown one by one. */
   offerAgents(form) {
-    if (agents.length < 2) return;
-    const { elements } = form;
+    const several = agents.length > 1, { elements } = form;
+    byId("agents").querySelectorAll("label").forEach((label) => label.remove());
+    byId("agents").hidden = !several;
+    const byAgent = Array.from(elements.colour).find((radio) => radio.value === "4");
+    const wasOffered = !byAgent.parentElement.hidden;
+    byAgent.parentElement.hidden = !several;
+    if (!several && byAgent.checked) elements.colour.value = "0";
+    if (!several) return;
     byId("agents").append(...agents.map(({ name }, agent) => {
       const box = element("input"), swatch = element("span");
-      Object.assign(box, { type: "checkbox", name: "agent", value: agent, checked: true });
+      Object.assign(box, { type: "checkbox", name: "agent", value: agent, checked: this.viewer.settings.agents.has(agent) });
       swatch.className = "swatch";
       swatch.style.background = agentColour(agent);
       const label = element("label", null, box, " ", swatch, name);
       label.title = name;
       return label;
     }));
-    byId("agents").hidden = false;
-    const closures = form.querySelector("[value=closures]");
-    closures.parentElement.hidden = false;
-    elements.colour.forEach((radio) => {
-      if (radio.value !== "4") return;
-      radio.parentElement.hidden = false;
-      radio.checked = true;
-    });
+    form.querySelector("[value=closures]").parentElement.hidden = false;
+    if (!wasOffered) byAgent.checked = true;
   }
 
   bindPointers() {
@@ -186,7 +188,7 @@ export class Controls {
     canvas.addEventListener("pointermove", (event) => {
       const at = place(event);
       if (this.pointers.has(event.pointerId)) this.drag(event, at);
-      else canvas.classList.toggle("pointing", this.keyframeAt(at) >= 0);
+      else this.hover(at);
     });
     const release = (event) => {
       const at = this.pointers.get(event.pointerId);
@@ -202,6 +204,17 @@ export class Controls {
       const pixels = event.deltaY * [1, 16, 400][event.deltaMode];
       this.zoom(Math.exp(Math.max(-200, Math.min(200, pixels)) * 0.0015), place(event));
     }, { passive: false });
+  }
+
+  /** The pointer is at a place: once for each image on the screen it is asked whether a keyframe is there. */
+  hover(place) {
+    if (!this.hovered) {
+      requestAnimationFrame(() => {
+        this.viewer.canvas.classList.toggle("pointing", this.keyframeAt(this.hovered) >= 0);
+        this.hovered = null;
+      });
+    }
+    this.hovered = place;
   }
 
   /** A place was clicked: the keyframe there is selected. Tools may take it instead. */
@@ -283,8 +296,8 @@ export function toggleFullScreen(node) {
 /** Explains the colours in use. */
 export function showLegend(colour, scene) {
   const legends = {
-    1: [`Height, ${LENGTH_UNIT}`, COLOURS.ordered, scene.heights.map((h) => figures(h))],
-    2: [`Depth in its keyframe, ${LENGTH_UNIT}`, COLOURS.depth, [0, 0.5, 1].map((t) => figures(cloud.depth(t)))],
+    1: [`Height, ${lengthUnit()}`, COLOURS.ordered, scene.heights.map((h) => figures(h))],
+    2: [`Depth in its keyframe, ${lengthUnit()}`, COLOURS.depth, [0, 0.5, 1].map((t) => figures(cloud.depth(t)))],
     3: ["Relative σ of inverse depth", COLOURS.ordered, [1, 0.5, 0].map((t) => `${figures(cloud.sigma(scene.codes[0] + t * (scene.codes[1] - scene.codes[0])) * 100)} %`)],
   };
   byId("legend").hidden = !legends[colour];

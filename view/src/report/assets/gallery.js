@@ -4,7 +4,7 @@ import { cloud } from "./cloud.js";
 import { COLOURS } from "./colours.js";
 import { figures, unpack } from "./numbers.js";
 import { byId, data, element, paintBar } from "./page.js";
-import { LENGTH_UNIT, keyframes, pictureImages, shared, takeImage } from "./scene.js";
+import { keyframes, lengthUnit, pictureImages, shared, takeImage } from "./scene.js";
 
 export const pictures = data.gallery;
 pictures.forEach(takeImage);
@@ -65,7 +65,7 @@ export class Gallery {
     paintBar(byId("depth-bar"), COLOURS.depth);
     byId("far").textContent = figures(cloud.depth(0));
     byId("near").textContent = figures(cloud.depth(1));
-    byId("depth-bar").parentElement.replaceChildren(byId("far"), byId("depth-bar"), byId("near"), element("span", `depth, ${LENGTH_UNIT}`));
+    byId("depth-bar").parentElement.replaceChildren(byId("far"), byId("depth-bar"), byId("near"), element("span", `depth, ${lengthUnit()}`));
     this.bind();
   }
 

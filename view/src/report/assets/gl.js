@@ -138,6 +138,12 @@ export class Lines {
     this.numbers = [];
   }
 
+  /** Gives back what the graphics card holds of them. */
+  release() {
+    this.gl.deleteBuffer(this.buffer);
+    this.gl.deleteVertexArray(this.array);
+  }
+
   /** Draws them with the line program in use. */
   draw(lineProgram, width) {
     if (!this.count) return;

@@ -19,6 +19,20 @@ export function figures(value) {
   return value.toPrecision(2);
 }
 
+const milliseconds = (text) => `${figures(Number(text) * 1e3)} ms`;
+/** What maps keep of the sensor, in words of people. */
+const SENSOR = {
+  lens: ["distortion beyond the calibration", (text) => text.replace(/-?\d+\.\d+(e-?\d+)?/g, (number) => figures(Number(number)))],
+  "readout columns": ["rolling shutter, first to last column", milliseconds],
+  "readout rows": ["rolling shutter, first to last row", milliseconds],
+};
+
+/** An entry of a map's provenance, as people read it. @param {[string, string]} entry */
+export function provenanceInWords([key, text]) {
+  const [label, words] = SENSOR[key] ?? [key, (same) => same];
+  return [label, words(text)];
+}
+
 /** The `share` quantile of sorted numbers. */
 export const quantile = (sorted, share) => sorted[Math.round((sorted.length - 1) * share)];
 

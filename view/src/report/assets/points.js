@@ -1,6 +1,6 @@
 // The points that are shown, whatever holds them: found under the pointer, kept within a box, and handed on.
 
-import { multiply, transform } from "./vectors.js";
+import { multiply } from "./vectors.js";
 
 /**
  * Points in a row: three words of each place it in a unit cube, over 65535, from which `matrix` (homogeneous) leads to the
@@ -17,20 +17,26 @@ import { multiply, transform } from "./vectors.js";
 /** Pixels within which the nearest to the eye is meant, and beyond which nothing is. */
 const REACH = { sure: 6, most: 30 };
 
-/** A point of the block's cube. @param {Block} block @param {number} index */
-function inCube({ words, wordStride }, index) {
-  const at = index * wordStride;
-  return [words[at] / 65535, words[at + 1] / 65535, words[at + 2] / 65535];
+/**
+ * A point of a block's cube through a homogeneous matrix, into `out`: what is divided by, last. Millions of points are asked about
+ * at one click, so nothing is made anew for each.
+ * @param {ArrayLike<number>} m @param {Block} block @param {number} index @param {Float64Array} out
+ */
+function through(m, { words, wordStride }, index, out) {
+  const at = index * wordStride, x = words[at] / 65535, y = words[at + 1] / 65535, z = words[at + 2] / 65535;
+  const w = m[3] * x + m[7] * y + m[11] * z + m[15];
+  out[0] = (m[0] * x + m[4] * y + m[8] * z + m[12]) / w;
+  out[1] = (m[1] * x + m[5] * y + m[9] * z + m[13]) / w;
+  out[2] = (m[2] * x + m[6] * y + m[10] * z + m[14]) / w;
+  out[3] = w;
 }
 
-/** A point through a homogeneous matrix. @param {number[]} matrix @param {number[]} point */
-function through(matrix, point) {
-  const [x, y, z, w] = transform(matrix, point);
-  return [x / w, y / w, z / w];
+/** Whether a point lies in a box; without one it does. @param {Box | null} box @param {ArrayLike<number>} p */
+export function isWithin(box, p) {
+  if (!box) return true;
+  for (let i = 0; i < 3; i++) if (!(p[i] >= box.low[i] && p[i] <= box.high[i])) return false;
+  return true;
 }
-
-/** Whether a point lies in a box; without one it does. @param {Box | null} box @param {number[]} p */
-export const isWithin = (box, p) => !box || p.every((v, i) => v >= box.low[i] && v <= box.high[i]);
 
 /**
  * Calls `visit` with each point that is as sure as `sigma` (a code) or surer and lies in the box, in the levelled world, and
@@ -38,12 +44,13 @@ export const isWithin = (box, p) => !box || p.every((v, i) => v >= box.low[i] &&
  * @param {Iterable<Block>} blocks @param {number} sigma @param {Box | null} box @param {(p: number[], colour: ArrayLike<number>) => void} visit
  */
 export function eachPoint(blocks, sigma, box, visit) {
+  const p = new Float64Array(4);
   for (const block of blocks) {
     const { bytes, byteStride, grey, code, colours } = block;
     for (let i = block.first; i < block.end; i++) {
       if (bytes[i * byteStride + code] > sigma) continue;
-      const p = through(block.matrix, inCube(block, i));
-      if (isWithin(box, p)) visit(p, colours ? colours.subarray(i * 3, i * 3 + 3) : new Array(3).fill(bytes[i * byteStride + grey]));
+      through(block.matrix, block, i, p);
+      if (isWithin(box, p)) visit([p[0], p[1], p[2]], colours ? colours.subarray(i * 3, i * 3 + 3) : new Array(3).fill(bytes[i * byteStride + grey]));
     }
   }
 }
@@ -55,23 +62,25 @@ export function eachPoint(blocks, sigma, box, visit) {
  * @returns {number[] | null}
  */
 export function pointAt(blocks, sigma, box, { clip, width, height, near }, [x, y]) {
-  let best = null, lowest = Infinity;
+  const p = new Float64Array(4), seen = new Float64Array(4), best = [0, 0, 0];
+  let lowest = Infinity;
   for (const block of blocks) {
-    const matrix = multiply(clip, block.matrix);
+    const matrix = multiply(clip, block.matrix), { bytes, byteStride, code } = block;
     for (let i = block.first; i < block.end; i++) {
-      if (block.bytes[i * block.byteStride + block.code] > sigma) continue;
-      const cube = inCube(block, i);
-      const [cx, cy, , cw] = transform(matrix, cube);
+      if (bytes[i * byteStride + code] > sigma) continue;
+      through(matrix, block, i, seen);
+      const right = (seen[0] * 0.5 + 0.5) * width - x, down = (0.5 - seen[1] * 0.5) * height - y;
+      const off = Math.sqrt(right * right + down * down);
+      if (!(off <= REACH.most)) continue;
+      through(block.matrix, block, i, p);
       // Homogeneous coordinates of the cube come with a weight of their own: depth is what is left without it.
-      const m = block.matrix, w = cw / (m[3] * cube[0] + m[7] * cube[1] + m[11] * cube[2] + m[15]);
+      const w = seen[3] / p[3];
       if (!(w >= near)) continue;
-      const off = Math.hypot((cx / cw * 0.5 + 0.5) * width - x, (0.5 - cy / cw * 0.5) * height - y);
-      if (off > REACH.most) continue;
       const cost = off < REACH.sure ? w / (1 + w) : 1 + off;
-      if (cost >= lowest) continue;
-      const p = through(m, cube);
-      if (isWithin(box, p)) [best, lowest] = [p, cost];
+      if (cost >= lowest || !isWithin(box, p)) continue;
+      lowest = cost;
+      for (let axis = 0; axis < 3; axis++) best[axis] = p[axis];
     }
   }
-  return best;
+  return lowest < Infinity ? best : null;
 }

@@ -6,7 +6,13 @@ import { data } from "./page.js";
 /** What stands for the view of a LiDAR, which sees all around: ahead, 90° wide. */
 const AHEAD = { width: 4, height: 3, fx: 2, fy: 2, cx: 1.5, cy: 1 };
 
-export const agents = data.scene.agents.map((agent) => ({ ...agent, camera: agent.camera ?? AHEAD, isLidar: !agent.camera }));
+const asShown = (agent) => ({ ...agent, camera: agent.camera ?? AHEAD, isLidar: !agent.camera });
+export const agents = data.scene.agents.map(asShown);
+
+/** Takes other agents in place of those that were known. */
+export function setAgents(others) {
+  agents.splice(0, agents.length, ...others.map(asShown));
+}
 
 export const keyframes = {
   count: data.scene.keyframes.count,
@@ -50,7 +56,7 @@ export function keyframeInWords(index) {
 }
 
 /** What lengths are told in. */
-export const LENGTH_UNIT = data.scene.metric ? "m" : "map units";
+export const lengthUnit = () => (data.scene.metric ? "m" : "map units");
 
 /** First and end index of each agent's run in an ascending array of `count` agents. */
 export function spans(owners, count) {

@@ -2,6 +2,7 @@
 
 import { startViewer } from "./controls.js";
 import { Gallery, pictures } from "./gallery.js";
+import { provenanceInWords } from "./numbers.js";
 import { byId, data, element } from "./page.js";
 import { Plots } from "./plots.js";
 import { shared } from "./scene.js";
@@ -13,7 +14,7 @@ function fillTables() {
     return element("tr", null, head, element("td", value));
   };
   byId("numbers").append(...data.numbers.map(row));
-  byId("provenance").append(...data.provenance.map(row));
+  byId("provenance").append(...data.provenance.map(provenanceInWords).map(row));
   byId("provenance-card").hidden = !data.provenance.length;
   byId("tiles").append(...data.numbers.slice(0, 6).map(([label, value]) => element("div", null, element("dt", label), element("dd", value))));
 }

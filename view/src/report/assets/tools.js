@@ -7,7 +7,7 @@ import { LINE_COLOURS } from "./overlays.js";
 import { byId, data, element } from "./page.js";
 import { Player } from "./player.js";
 import { eachPoint } from "./points.js";
-import { LENGTH_UNIT, agents, trajectory } from "./scene.js";
+import { agents, lengthUnit, trajectory } from "./scene.js";
 
 /** The sides of the box that cuts, along the axes of the levelled world. */
 const SIDES = ["Depth", "Width", "Height"];
@@ -68,7 +68,7 @@ class Ruler {
     else {
       const { straight, level, up } = apart(points[0], points[1]);
       this.straight = straight;
-      byId("measured-text").textContent = `${figures(straight)} ${LENGTH_UNIT}  ·  level ${figures(level)}  ·  ${up < 0 ? "down" : "up"} ${figures(Math.abs(up))}`;
+      byId("measured-text").textContent = `${figures(straight)} ${lengthUnit()}  ·  level ${figures(level)}  ·  ${up < 0 ? "down" : "up"} ${figures(Math.abs(up))}`;
       document.documentElement.dataset.measured = String(straight);
     }
     this.showCommand();
@@ -145,7 +145,7 @@ class Saver {
       places.push(viewer.scene.unlevel(p));
       colours.push(colour);
     });
-    download(fileName("cloud", "ply"), plyFile(places, colours, `loopbox, ${LENGTH_UNIT}`), "application/octet-stream");
+    download(fileName("cloud", "ply"), plyFile(places, colours, `loopbox, ${lengthUnit()}`), "application/octet-stream");
     document.documentElement.dataset.saved = String(places.length);
   }
 

@@ -10,6 +10,8 @@ export class Feed {
    */
   constructor(on) {
     this.on = on;
+    // The browser has kept the token as a cookie: neither a screen that is shared nor the history need show it.
+    if (location.search && navigator.cookieEnabled) history.replaceState(null, "", location.pathname);
     this.connect();
   }
 
@@ -28,11 +30,6 @@ export class Feed {
   command(name, on) {
     if (this.socket.readyState !== WebSocket.OPEN) return;
     this.socket.send(JSON.stringify(on === undefined ? { command: name } : { command: name, on }));
-  }
-
-  /** Takes nothing any more: what comes while the page is left is for the next one. */
-  end() {
-    this.on = () => {};
   }
 
   takeText(message) {

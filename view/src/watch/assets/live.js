@@ -2,7 +2,7 @@
 
 import { noteScene, sceneFailed } from "../../report/assets/controls.js";
 import { byId, data } from "../../report/assets/page.js";
-import { shared } from "../../report/assets/scene.js";
+import { agents, setAgents, shared } from "../../report/assets/scene.js";
 import { Tools } from "../../report/assets/tools.js";
 import { add } from "../../report/assets/vectors.js";
 import { Feed } from "./feed.js";
@@ -64,28 +64,30 @@ function note(viewer) {
   ]);
 }
 
-const MODES = { live: "live", maps: "maps", station: "station" };
+const MODES = { live: "live", service: "agent", maps: "maps", station: "station" };
 byId("mode").textContent = MODES[data.mode];
 byId("side").hidden = data.mode === "maps";
 byId("stage").classList.toggle("alone", data.mode === "maps");
-document.querySelectorAll(".of-run").forEach((part) => part.classList.toggle("absent", data.mode !== "live"));
+const ofRun = { live: () => true, service: (part) => !part.classList.contains("commands") }[data.mode] ?? (() => false);
+document.querySelectorAll(".of-run").forEach((part) => part.classList.toggle("absent", !ofRun(part)));
 prepareControls();
 const { viewer, controls } = startLiveViewer();
 let feed = null;
 const panel = new Panel(() => feed);
 const on3d = (action) => viewer && action();
 const handlers = {
-  reset: ({ agents }) => {
-    // Everything here is made for the agents that it was loaded with.
-    if (agents.join("\n") !== data.scene.agents.map(({ name }) => name).join("\n")) {
-      feed.end();
-      location.reload();
-      return;
-    }
+  reset: ({ scene }) => {
+    const before = agents.map(({ name }) => name);
+    setAgents(scene.agents);
+    data.scene.metric = scene.metric;
     forget();
     on3d(() => {
       viewer.surveyed = null;
       viewer.live = null;
+      if (before.join("\n") !== agents.map(({ name }) => name).join("\n")) {
+        viewer.agentsChanged(before);
+        controls.agentsChanged();
+      }
       viewer.redoLines();
     });
   },

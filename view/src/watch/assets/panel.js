@@ -7,7 +7,7 @@ import { nearLines } from "./near.js";
 
 /** How long trends reach back, milliseconds. */
 const TREND_SPAN = 60000;
-const STATE_NAMES = { starting: "starting", tracking: "tracking", lost: "lost", done: "finished", saved: "saved map", collecting: "collecting" };
+const STATE_NAMES = { preparing: "preparing", starting: "starting", tracking: "tracking", lost: "lost", done: "finished", saved: "saved map", collecting: "collecting" };
 
 const whole = (value) => Math.round(value).toLocaleString("en");
 const points = (value) => (value < 1e4 ? whole(value) : value < 1e6 ? `${(value / 1e3).toFixed(0)} k` : `${(value / 1e6).toFixed(2)} M`);
@@ -36,6 +36,7 @@ const FACTS = {
 /** What of these is shown of what is no run. */
 const SHOWN = {
   live: { tiles: Object.keys(TILES), facts: Object.keys(FACTS) },
+  service: { tiles: Object.keys(TILES), facts: Object.keys(FACTS) },
   maps: { tiles: ["keyframes", "points"], facts: [] },
   station: { tiles: ["keyframes", "points", "memory"], facts: ["folder"] },
 };
@@ -173,11 +174,17 @@ export class Panel {
     const toggle = () => this.feed().command(this.status && this.status.paused ? "resume" : "pause");
     byId("pause").addEventListener("click", toggle);
     byId("save").addEventListener("click", () => this.feed().command("save"));
-    byId("restart").addEventListener("click", () => this.feed().command("restart"));
+    const ask = byId("ask-restart");
+    byId("restart").addEventListener("click", () => ask.showModal());
+    byId("restart-yes").addEventListener("click", () => {
+      ask.close();
+      this.feed().command("restart");
+    });
+    byId("restart-no").addEventListener("click", () => ask.close());
     byId("record").addEventListener("click", () => this.status && this.feed().command("record", !this.status.recording));
-    document.addEventListener("keydown", (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey || /** @type {HTMLElement} */ (event.target).tagName === "INPUT") return;
-      if (event.key === "p") toggle();
+    // Only while the focus is in here: who dictates, or types for something else, stops no robot by a letter.
+    byId("side").addEventListener("keydown", (event) => {
+      if (event.key === "p" && !event.ctrlKey && !event.metaKey && !event.altKey && !byId("pause").disabled) toggle();
     });
   }
 
@@ -192,7 +199,7 @@ export class Panel {
     this.facts.show(status);
     byId("share").textContent = `${Math.round(status.inlier_share * 100)} %`;
     byId("ms").textContent = `${status.ms.toFixed(0)} ms`;
-    if (!before || before.frame !== status.frame) {
+    if (status.state !== "preparing" && (!before || before.frame !== status.frame)) {
       this.share.push(status.inlier_share);
       this.ms.push(status.ms);
     }
@@ -200,10 +207,12 @@ export class Panel {
     byId("record").textContent = status.recording ? "Stop recording" : "Record";
     byId("record").setAttribute("aria-pressed", Boolean(status.recording));
     const reason = status.reason && status.state !== "tracking" ? `No pose: ${status.reason}. ` : "";
-    byId("note").textContent = reason + status.note;
+    // A reader of the screen reads it out: only what is new.
+    if (byId("note").textContent !== reason + status.note) byId("note").textContent = reason + status.note;
     this.near(status.neighbourhood);
-    this.enable(status.state !== "done");
+    this.enable(status.state !== "done" && status.state !== "preparing");
     if (status.state === "done") this.say(status.note, false);
+    if (status.state === "done" && status.report) this.offerReport();
   }
 
   /** Shows who is near, of an agent that pairs. */
@@ -230,6 +239,12 @@ export class Panel {
     banner.hidden = !text;
     banner.textContent = text;
     banner.classList.toggle("bad", bad);
+  }
+
+  /** Links to the report, once it is written. */
+  offerReport() {
+    const link = Object.assign(element("a", "Open the report"), { id: "report", href: "report.html" });
+    byId("banner").append(". ", link);
   }
 
   /** The connection came or went. */

@@ -3,7 +3,7 @@
 import { Controls } from "../../report/assets/controls.js";
 import { LINE_FRAGMENT, LINE_VERTEX, Lines, POINT_FRAGMENT, POINT_VERTEX, PictureQuad, program } from "../../report/assets/gl.js";
 import { LINE_COLOURS } from "../../report/assets/overlays.js";
-import { data } from "../../report/assets/page.js";
+import { byId, data } from "../../report/assets/page.js";
 import { agents, keyframes, trajectory } from "../../report/assets/scene.js";
 import { surveyScene } from "../../report/assets/survey.js";
 import { add, multiply, norm } from "../../report/assets/vectors.js";
@@ -54,6 +54,16 @@ export class LiveViewer extends Viewer {
     if (keyframes.count <= then * 1.04 && then > 0) return false;
     this.survey();
     return true;
+  }
+
+  /** Takes in other agents than before, who had these names: who was hidden stays so, and the camera where it is. */
+  agentsChanged(before) {
+    const hidden = new Set(before.filter((_, agent) => !this.settings.agents.has(agent)));
+    this.settings.agents = new Set([...agents.keys()].filter((agent) => !hidden.has(agents[agent].name)));
+    for (const name of ["trajectory", "keyframes"]) {
+      this.lines[name].forEach((lines) => lines.release());
+      this.lines[name] = agents.map(() => new GrowingLines(this.gl));
+    }
   }
 
   redoLines() {
@@ -117,7 +127,7 @@ export class LiveViewer extends Viewer {
   /** Where the live camera is: axes and centre, or `null`. */
   setCamera(camera) {
     this.live = camera;
-    if (camera) {
+    if (camera && agents.length) {
       const pose = [0, 3, 6, 9].map((at) => camera.slice(at, at + 3));
       this.frustumEdges(agents[0].camera, pose, this.frustumSize * 1.8).forEach(([p, q]) => this.lines.selected.push(p, q, LIVE_CAMERA));
     }
@@ -251,6 +261,13 @@ export class LiveViewer extends Viewer {
 
 /** The report's controls, for a scene in which nothing is selected. */
 export class LiveControls extends Controls {
+  /** Offers other agents than before. */
+  agentsChanged() {
+    const form = byId("controls");
+    this.offerAgents(form);
+    form.dispatchEvent(new Event("input"));
+  }
+
   keyframeAt() {
     return -1;
   }

@@ -69,11 +69,16 @@ impl Address {
         if request.origin.is_some_and(|origin| !is_own(origin)) {
             return Err("another page may not look at this one's run");
         }
-        match (&self.token, request.token) {
-            (None, _) => Ok(()),
-            (Some(wanted), Some(given)) if wanted.as_bytes().ct_eq(given.as_bytes()).into() => Ok(()),
-            _ => Err("the token is missing or wrong: open the address that the program printed"),
+        let mut given = [request.token, request.kept_token].into_iter().flatten();
+        if self.token.is_some() && !given.any(|token| self.is_token(token)) {
+            return Err("the token is missing or wrong: open the address that the program printed");
         }
+        Ok(())
+    }
+
+    /// Whether this is the token.
+    pub fn is_token(&self, given: &str) -> bool {
+        self.token.as_ref().is_some_and(|token| token.as_bytes().ct_eq(given.as_bytes()).into())
     }
 }
 
@@ -86,6 +91,8 @@ pub struct Visit<'a> {
     pub origin: Option<&'a str>,
     /// The token in the request's address.
     pub token: Option<&'a str>,
+    /// The token that the browser kept.
+    pub kept_token: Option<&'a str>,
 }
 
 /// Whether a host, with or without a port, is this machine's own for itself. The port is free: it differs where a
@@ -116,7 +123,7 @@ mod tests {
     }
 
     fn visit<'a>(host: &'a str, origin: Option<&'a str>, token: Option<&'a str>) -> Visit<'a> {
-        Visit { host: Some(host), origin, token }
+        Visit { host: Some(host), origin, token, kept_token: None }
     }
 
     #[test]
@@ -146,6 +153,9 @@ mod tests {
         {
             assert!(admit(wrong).is_err(), "{wrong:?}");
         }
+        let kept = |token| Visit { kept_token: Some(token), ..visit("192.168.0.7:7171", None, None) };
+        assert!(open.admit(&kept("0123456789abcdef")).is_ok());
+        assert!(open.admit(&kept("0123456789abcdeF")).is_err());
         let foreign = visit("192.168.0.7:7171", Some("http://evil.example"), Some("0123456789abcdef"));
         assert!(open.admit(&foreign).is_err());
         let behind_a_proxy = visit("robot.example", Some("https://robot.example"), Some("0123456789abcdef"));

@@ -3,6 +3,7 @@
 //! The first word of a binary message is its kind; `assets/decode.js` reads what is written here.
 
 use super::Message;
+use super::page::scene_of;
 use crate::report::scene::pose_numbers;
 use crate::watch::scene::{Placed, SceneUpdate, Step};
 use crate::watch::status::Status;
@@ -19,7 +20,7 @@ const EDGES: u32 = 5;
 pub fn messages(update: &SceneUpdate, level: Option<[[f64; 3]; 2]>) -> Vec<Message> {
     let mut out = Vec::new();
     if let Some(agents) = &update.reset {
-        out.push(text(&json!({ "kind": "reset", "agents": agents })));
+        out.push(text(&json!({ "kind": "reset", "scene": scene_of(agents) })));
     }
     if let Some([up, forward]) = level {
         out.push(text(&json!({ "kind": "level", "up": up, "forward": forward })));

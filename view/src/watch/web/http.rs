@@ -21,6 +21,7 @@ pub struct Request {
     host: Option<String>,
     origin: Option<String>,
     token: Option<String>,
+    cookies: Option<String>,
     /// The key of a wish to open a WebSocket.
     pub websocket_key: Option<String>,
 }
@@ -28,7 +29,14 @@ pub struct Request {
 impl Request {
     /// What it says of who sent it.
     pub fn visit(&self) -> Visit<'_> {
-        Visit { host: self.host.as_deref(), origin: self.origin.as_deref(), token: self.token.as_deref() }
+        let (host, origin, token) = (self.host.as_deref(), self.origin.as_deref(), self.token.as_deref());
+        Visit { host, origin, token, kept_token: None }
+    }
+
+    /// A cookie by its name.
+    pub fn cookie(&self, name: &str) -> Option<&str> {
+        let cookies = self.cookies.as_deref()?.split(';').filter_map(|pair| pair.trim().split_once('='));
+        cookies.into_iter().find_map(|(of, value)| (of == name).then_some(value))
     }
 
     /// Reads the head of a request; its body, if any, is not read.
@@ -82,6 +90,7 @@ impl Request {
             path: path.to_owned(),
             host: value("host"),
             origin: value("origin").or(origins.then(String::new)),
+            cookies: value("cookie"),
             token: query.split('&').find_map(|pair| pair.strip_prefix("token=")).map(str::to_owned),
             websocket_key: value("sec-websocket-key").filter(|_| upgrades),
         }))
@@ -93,11 +102,25 @@ impl Request {
 /// # Errors
 /// When the client does not take it.
 pub fn answer(stream: &mut impl Write, status: &str, kind: &str, body: &[u8]) -> io::Result<()> {
+    answer_with(stream, status, kind, body, "")
+}
+
+/// The same with `more` headers, each with the end of its line.
+///
+/// # Errors
+/// As [`answer`].
+pub fn answer_with(
+    stream: &mut impl Write,
+    status: &str,
+    kind: &str,
+    body: &[u8],
+    more: &str,
+) -> io::Result<()> {
     let head = format!(
         "HTTP/1.1 {status}\r\nContent-Type: {kind}; charset=utf-8\r\nContent-Length: {}\r\nConnection: close\r\n\
          Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nX-Frame-Options: DENY\r\n\
          Referrer-Policy: no-referrer\r\nCross-Origin-Opener-Policy: same-origin\r\n\
-         Cross-Origin-Resource-Policy: same-origin\r\n\r\n",
+         Cross-Origin-Resource-Policy: same-origin\r\n{more}\r\n",
         body.len()
     );
     stream.write_all(head.as_bytes())?;
@@ -126,7 +149,7 @@ mod tests {
     #[test]
     fn heads_are_understood_however_they_come() {
         let text = "GET /ws?a=1&token=secret HTTP/1.1\r\nHost: localhost:1\r\norigin: http://localhost:1\r\n\
-                    Upgrade: WebSocket\r\nSec-WebSocket-Key: abc\r\n\r\n";
+                    Cookie: loopbox-71=other; loopbox-7=kept\r\nUpgrade: WebSocket\r\nSec-WebSocket-Key: abc\r\n\r\n";
         struct Slow<'a>(&'a [u8]);
         impl Read for Slow<'_> {
             fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
@@ -142,6 +165,7 @@ mod tests {
         assert_eq!(visit.host, Some("localhost:1"));
         assert_eq!(visit.origin, Some("http://localhost:1"));
         assert_eq!(visit.token, Some("secret"));
+        assert_eq!((request.cookie("loopbox-7"), request.cookie("loopbox")), (Some("kept"), None));
         assert_eq!(request.websocket_key.as_deref(), Some("abc"));
     }
 

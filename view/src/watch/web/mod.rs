@@ -5,7 +5,10 @@ mod client;
 mod encode;
 pub(super) mod http;
 mod page;
+mod room;
 mod run;
+#[cfg(test)]
+mod tests;
 
 pub use access::Address;
 pub use client::PageSession;
@@ -13,13 +16,16 @@ pub use encode::picture as picture_message;
 pub use tungstenite::Message;
 
 use super::Shared;
+use crate::report::page::policy_of;
 use crate::report::script::Script;
 use crate::script;
+use access::Visit;
 use anyhow::{Context, Result};
 use http::Request;
 use page::Mode;
+use room::{Room, Waiting};
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -28,12 +34,12 @@ pub const FEED_SCRIPTS: [Script; 2] = [script!("../assets/decode.js"), script!("
 
 /// The port where none is given and it is free.
 pub const USUAL_PORT: u16 = 7171;
-/// Connections at a time.
-const MAX_CONNECTIONS: usize = 12;
 /// Every wait for a request's head ends after this.
 const READ_PATIENCE: Duration = Duration::from_secs(3);
 /// How long an end waits for pages to get the last of it.
 const FAREWELL: Duration = Duration::from_secs(2);
+const UNAVAILABLE: &str = "503 Service Unavailable";
+const NOT_FOUND: &str = "404 Not Found";
 /// Guesses at a token are slowed down by this.
 const REFUSAL_DELAY: Duration = Duration::from_millis(200);
 
@@ -53,7 +59,11 @@ struct Site {
     /// What there is to see at the moment.
     served: Mutex<Option<Arc<ServedPage>>>,
     health: Option<Health>,
-    connections: AtomicUsize,
+    /// The report of what is shown, once it is written.
+    report: Mutex<Option<PathBuf>>,
+    /// What browsers keep the token as: cookies of all ports of a machine are in one place.
+    cookie: String,
+    room: Arc<Room>,
 }
 
 /// A page, and what gives each client what is to be told to it.
@@ -101,9 +111,9 @@ impl Server {
         Self::begin(address, None, Some(health))
     }
 
-    /// Shows a scene in place of what was shown.
+    /// Shows a run in place of what was shown, to be looked at only.
     pub fn show(&self, shared: &Arc<Shared>, title: &str) {
-        *self.site.served() = Some(Arc::new(ServedPage::of_run(shared, title)));
+        *self.site.served() = Some(Arc::new(ServedPage::of(shared, title, Mode::Service)));
     }
 
     /// Shows nothing any more.
@@ -128,8 +138,14 @@ impl Server {
         let listener = listen(&address)?;
         let at = listener.local_addr().context("the page's address is not known")?;
         let url = format!("http://{}/{}", SocketAddr::new(reachable(at.ip()), at.port()), address.query());
-        let (served, connections) = (Mutex::new(served.map(Arc::new)), AtomicUsize::new(0));
-        let site = Arc::new(Site { address, served, health, connections });
+        let site = Arc::new(Site {
+            address,
+            served: Mutex::new(served.map(Arc::new)),
+            health,
+            report: Mutex::default(),
+            cookie: format!("loopbox-{}", at.port()),
+            room: Arc::default(),
+        });
         let of_thread = Arc::clone(&site);
         std::thread::Builder::new()
             .name("page".into())
@@ -143,10 +159,15 @@ impl Server {
         &self.url
     }
 
+    /// Serves this report beside the page from now on.
+    pub fn offer_report(&self, report: PathBuf) {
+        *self.site.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report);
+    }
+
     /// Waits until all clients have got the last of it and left, but not long.
     pub fn wait_for_clients(&self) {
         let began = Instant::now();
-        while self.site.connections.load(Ordering::Acquire) > 0 && began.elapsed() < FAREWELL {
+        while self.site.room.seated() > 0 && began.elapsed() < FAREWELL {
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -184,31 +205,12 @@ fn accept(listener: &TcpListener, site: &Arc<Site>) {
             std::thread::sleep(Duration::from_millis(50));
             continue;
         };
-        let seat = Connection::new(site);
-        if site.connections.load(Ordering::Acquire) > MAX_CONNECTIONS {
-            continue;
-        }
+        let (Some(waiting), site) = (site.room.wait(&stream), Arc::clone(site)) else { continue };
         // Without a thread the client is refused, as when there are too many.
         let _ = std::thread::Builder::new().name("page client".into()).spawn(move || {
             // Errors are the client's leaving.
-            let _ = seat.0.answer(stream);
+            let _ = site.answer(stream, &waiting);
         });
-    }
-}
-
-/// Counted while it lives.
-struct Connection(Arc<Site>);
-
-impl Connection {
-    fn new(site: &Arc<Site>) -> Self {
-        site.connections.fetch_add(1, Ordering::AcqRel);
-        Self(Arc::clone(site))
-    }
-}
-
-impl Drop for Connection {
-    fn drop(&mut self) {
-        self.0.connections.fetch_sub(1, Ordering::AcqRel);
     }
 }
 
@@ -217,19 +219,23 @@ impl Site {
         self.served.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn answer(&self, mut stream: TcpStream) -> std::io::Result<()> {
+    fn answer(&self, mut stream: TcpStream, waiting: &Waiting) -> std::io::Result<()> {
         stream.set_read_timeout(Some(READ_PATIENCE))?;
         stream.set_write_timeout(Some(READ_PATIENCE))?;
         let request = Request::read(&mut stream)?;
-        if let Err(reason) = self.address.admit(&request.visit()) {
+        let visit = Visit { kept_token: request.cookie(&self.cookie), ..request.visit() };
+        if let Err(reason) = self.address.admit(&visit) {
             std::thread::sleep(REFUSAL_DELAY);
             return http::answer(&mut stream, "403 Forbidden", "text/plain", reason.as_bytes());
         }
+        let Some(_seat) = waiting.sit() else {
+            return http::answer(&mut stream, UNAVAILABLE, "text/plain", b"too many look at this already");
+        };
         let served = self.served().clone();
         match (&*request.method, &*request.path, &request.websocket_key, &served, &self.health) {
             ("GET", "/health", _, _, Some(health)) => {
                 let (is_well, text) = health();
-                let status = if is_well { "200 OK" } else { "503 Service Unavailable" };
+                let status = if is_well { "200 OK" } else { UNAVAILABLE };
                 http::answer(&mut stream, status, "application/json", text.as_bytes())
             }
             ("GET", "/ws", Some(key), Some(served), _) => {
@@ -238,22 +244,44 @@ impl Site {
                 Ok(())
             }
             ("GET", "/", _, Some(served), _) => match (served.page)() {
-                Ok(page) => http::answer(&mut stream, "200 OK", "text/html", page.as_bytes()),
+                Ok(page) => self.answer_with_page(&mut stream, &page, request.visit().token),
                 Err(error) => {
                     let text = format!("the page cannot be made: {error:#}");
                     http::answer(&mut stream, "500 Internal Server Error", "text/plain", text.as_bytes())
                 }
             },
-            ("GET", "/" | "/ws", _, None, _) => http::answer(
-                &mut stream,
-                "503 Service Unavailable",
-                "text/plain",
-                b"there is no run at the moment, of /health there is more: load this page again in a while",
-            ),
-            ("GET", ..) => {
-                http::answer(&mut stream, "404 Not Found", "text/plain", b"there is only one page: /")
+            ("GET", "/report.html", ..) => match self.report() {
+                Some(report) => self.answer_with_page(&mut stream, &report, None),
+                None => http::answer(&mut stream, NOT_FOUND, "text/plain", b"there is no report yet"),
+            },
+            ("GET", "/" | "/ws", _, None, _) => {
+                let health = self.health.as_ref().map(|health| health().1).unwrap_or_default();
+                http::answer(&mut stream, UNAVAILABLE, "text/html", page::without_run(&health).as_bytes())
             }
+            ("GET", ..) => http::answer(&mut stream, NOT_FOUND, "text/plain", b"there is only one page: /"),
             _ => http::answer(&mut stream, "405 Method Not Allowed", "text/plain", b"only GET"),
         }
+    }
+
+    /// Answers with a page and its policy. The browser keeps the `token` that came in the page's address, so that it can leave there.
+    fn answer_with_page(
+        &self,
+        stream: &mut TcpStream,
+        page: &str,
+        token: Option<&str>,
+    ) -> std::io::Result<()> {
+        let policy = policy_of(page)
+            .map(|policy| format!("Content-Security-Policy: {policy}; frame-ancestors 'none'\r\n"));
+        let cookie = token.filter(|token| self.address.is_token(token)).map(|token| {
+            format!("Set-Cookie: {}={token}; Path=/; HttpOnly; SameSite=Strict\r\n", self.cookie)
+        });
+        let more = [policy, cookie].map(Option::unwrap_or_default).concat();
+        http::answer_with(stream, "200 OK", "text/html", page.as_bytes(), &more)
+    }
+
+    /// The report of what is shown.
+    fn report(&self) -> Option<String> {
+        let report = self.report.lock().unwrap_or_else(PoisonError::into_inner).clone()?;
+        std::fs::read_to_string(report).ok()
     }
 }

@@ -5,7 +5,7 @@ import { Chart } from "../../../../../view/src/report/assets/chart.js";
 import { figures, quantile, unpack } from "../../../../../view/src/report/assets/numbers.js";
 import { byId, data, element } from "../../../../../view/src/report/assets/page.js";
 import { nearestTime } from "../../../../../view/src/report/assets/playing.js";
-import { LENGTH_UNIT, agentColour, agents, keyframes, shared, spans, trajectory } from "../../../../../view/src/report/assets/scene.js";
+import { agentColour, agents, keyframes, lengthUnit, shared, spans, trajectory } from "../../../../../view/src/report/assets/scene.js";
 import { MERGE_EDGE } from "../../../../../view/src/report/assets/viewer.js";
 
 export const paths = {
@@ -127,7 +127,7 @@ export function startPaths() {
   byId("paths-note").textContent = `World of ${agents[0].name}, the first map: x right, y down, z ahead at its start. Time runs from each agent's first frame; rings mark keyframes that closures match. Hover for values, drag to zoom, double-click to reset.`;
   byId("paths-legend").append(...agents.map((_, agent) => element("li", null, ...nameOf(agent))));
   const columns = [
-    new PathPlots(byId("positions"), pathPanels(["x", "y", "z"], LENGTH_UNIT, paths.position)),
+    new PathPlots(byId("positions"), pathPanels(["x", "y", "z"], lengthUnit(), paths.position)),
     new PathPlots(byId("turns"), pathPanels(["Roll", "Pitch", "Yaw"], "degrees", paths.turns)),
   ];
   // Both show one span.

@@ -31,7 +31,8 @@ class MergeGraph extends Drawing {
       context.moveTo(...p);
       context.lineTo(...q);
       context.stroke();
-      this.label(context, plural(closures, "closure"), (p[0] + q[0]) / 2, (p[1] + q[1]) / 2, colour);
+      // Between three and more agents there is room for the number alone.
+      this.label(context, agents.length > 2 ? String(closures) : plural(closures, "closure"), (p[0] + q[0]) / 2, (p[1] + q[1]) / 2, colour);
     });
     agents.forEach((agent, i) => {
       const [x, y] = place(i);

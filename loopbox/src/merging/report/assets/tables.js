@@ -22,6 +22,12 @@ export function nameOf(agent) {
   return [swatch, agents[agent].name];
 }
 
+/** What the columns mean, to be unfolded by pointer, key or touch. */
+function columnsExplained(columns) {
+  const list = element("dl", null, ...columns.flatMap(([head, explanation]) => [element("dt", head || "Row"), element("dd", explanation)]));
+  return element("caption", null, element("details", null, element("summary", "What the columns mean"), list));
+}
+
 /** Fills a table: columns `[head, explanation, class]`, rows of texts or nodes. */
 export function fillTable(table, columns, rows) {
   const heads = columns.map(([head, explanation, kind]) => {
@@ -35,6 +41,7 @@ export function fillTable(table, columns, rows) {
     return cell;
   });
   table.replaceChildren(
+    columnsExplained(columns),
     element("thead", null, element("tr", null, ...heads)),
     element("tbody", null, ...rows.map((row) => element("tr", null, ...cells(row)))),
   );
