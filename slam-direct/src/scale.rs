@@ -10,6 +10,8 @@ use crate::params::Params;
 use crate::window::predict;
 use map::{Edge, KeyframeId, Shared};
 use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// Standard deviation of the logarithm of a length up to which a point tells it.
 const TELLS: f64 = PointState::KNOWN;
@@ -24,6 +26,8 @@ const SIGNIFICANT: f64 = 0.01;
 const LEAST: usize = 6;
 /// Points asked at a cut at most.
 const MOST: usize = 300;
+/// Cuts looked at at once.
+const AT_ONCE: usize = 256;
 /// The pixel that a depth or a length is measured from is as uncertain as the one where it is seen.
 const BOTH_ENDS: f64 = 0.5;
 /// Steps of Gauss–Newton on a depth, which begins where the map has it.
@@ -48,19 +52,22 @@ const RECENT: usize = 40;
 /// Where the scale of a map is not carried, in order; of cuts beside each other the one that fewest points agree across. On either side there
 /// are [some](LEAST) points of known depth. A loop in `closed` carries it over what it spans.
 pub(crate) fn scale_breaks(map: &LocalMap, closed: &[Edge], params: &Params) -> Vec<ScaleBreak> {
-    let (mut breaks, mut is_beside) = (Vec::<ScaleBreak>::new(), false);
-    for (cut, points) in spanning(map, 0).iter().enumerate() {
-        let found = break_at(map, closed, cut, points, params);
-        match (found, breaks.last_mut()) {
-            (Some(found), Some(last)) if is_beside => {
-                if found.agreeing < last.agreeing {
-                    *last = found;
-                }
+    let cuts = map.keyframes.len().saturating_sub(1);
+    let mut breaks: Vec<ScaleBreak> = Vec::new();
+    let mut last = None;
+    for begin in (0..cuts).step_by(AT_ONCE) {
+        let spanning = spanning(map, begin..(begin + AT_ONCE).min(cuts), 0);
+        let found = spanning.par_iter().enumerate();
+        let found: Vec<_> =
+            found.map(|(i, points)| break_at(map, closed, begin + i, points, params)).collect();
+        for (cut, found) in (begin..).zip(found).filter_map(|(cut, found)| Some((cut, found?))) {
+            let is_beside = last.replace(cut).is_some_and(|last| last + 1 == cut);
+            match breaks.last_mut().filter(|_| is_beside) {
+                Some(beside) if beside.agreeing <= found.agreeing => {}
+                Some(beside) => *beside = found,
+                None => breaks.push(found),
             }
-            (Some(found), _) => breaks.push(found),
-            (None, _) => {}
         }
-        is_beside = found.is_some();
     }
     breaks
 }
@@ -68,8 +75,8 @@ pub(crate) fn scale_breaks(map: &LocalMap, closed: &[Edge], params: &Params) -> 
 /// The same of one cut, some keyframes before the newest: told once, while the camera is tracked.
 pub(crate) fn newest_scale_break(map: &LocalMap, closed: &[Edge], params: &Params) -> Option<ScaleBreak> {
     let cut = map.keyframes.len().checked_sub(1 + SETTLED)?;
-    let points = spanning(map, cut.saturating_sub(RECENT)).swap_remove(cut);
-    break_at(map, closed, cut, &points, params)
+    let points = spanning(map, cut..cut + 1, cut.saturating_sub(RECENT));
+    break_at(map, closed, cut, &points[0], params)
 }
 
 /// Whether a loop joins keyframes of both sides.
@@ -78,18 +85,19 @@ fn spans(closed: &Edge, cut: usize) -> bool {
     first <= LocalMap::id(cut) && last > LocalMap::id(cut)
 }
 
-/// For the cut behind each keyframe but the last the points of keyframes from `begin` on that are seen on both sides.
-fn spanning(map: &LocalMap, begin: usize) -> Vec<Vec<PointRef>> {
-    let mut cuts = vec![Vec::new(); map.keyframes.len().saturating_sub(1)];
-    for (host, state) in map.keyframes.iter().enumerate().skip(begin) {
+/// For each of the cuts, which lie behind the keyframes of these indices, the points of keyframes from `first` on that are seen on both
+/// sides.
+fn spanning(map: &LocalMap, cuts: Range<usize>, first: usize) -> Vec<Vec<PointRef>> {
+    let mut points = vec![Vec::new(); cuts.len()];
+    for (host, state) in map.keyframes.iter().enumerate().skip(first) {
         for (index, point) in state.points.iter().enumerate().filter(|(_, point)| may_tell(point)) {
-            let seen = point.observations.iter().map(|seen| seen.keyframe).chain([host]);
-            let (first, last) =
-                seen.fold((host, host), |(a, b), keyframe| (a.min(keyframe), b.max(keyframe)));
-            cuts[first..last].iter_mut().for_each(|cut| cut.push(PointRef { host, index }));
+            let seen = point.observations.iter().map(|seen| seen.keyframe);
+            let (begin, end) = seen.fold((host, host), |(a, b), keyframe| (a.min(keyframe), b.max(keyframe)));
+            let spanned = begin.max(cuts.start)..end.min(cuts.end);
+            spanned.for_each(|cut| points[cut - cuts.start].push(PointRef { host, index }));
         }
     }
-    cuts
+    points
 }
 
 /// Whether all views together know a point's depth well enough: those of one side know it less.
