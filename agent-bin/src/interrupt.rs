@@ -12,6 +12,7 @@ const ABORTED: i32 = 130;
 static RESULTS_ARE_SAVED: AtomicBool = AtomicBool::new(false);
 
 /// Says nothing more of what is saved when the user stops the program: all is.
+#[cfg(feature = "view")]
 pub fn only_a_page_is_left() {
     RESULTS_ARE_SAVED.store(true, Ordering::Relaxed);
 }
