@@ -150,7 +150,7 @@ impl ParameterArgs {
 }
 
 /// Refuses numbers that cannot be worked with, of parameters that state no ranges: what is not finite, what is negative where the default
-/// is not, and a count of zero where the default is none.
+/// is not. A count of zero says that nothing of the kind is done.
 fn check_numbers<P: Serialize>(params: &P, defaults: &P) -> Result<()> {
     let value = |params| Value::try_from(params).context("the parameters cannot be written as TOML");
     check_value("", &value(params)?, &value(defaults)?)
@@ -170,15 +170,14 @@ fn check_value(name: &str, value: &Value, default: &Value) -> Result<()> {
                 .zip(defaults)
                 .try_for_each(|(value, default)| check_value(name, value, default));
         }
-        (Value::Integer(value), Value::Integer(default)) => *value < (*default).clamp(0, 1),
+        (Value::Integer(value), Value::Integer(default)) => *value < (*default).min(0),
         (Value::Float(value), Value::Float(default)) => {
             !value.is_finite() && default.is_finite() || *value < 0.0 && *default >= 0.0
         }
         _ => false,
     };
     if is_refused {
-        let least = if matches!(default, Value::Integer(1..)) { 1 } else { 0 };
-        bail!("parameter {name} = {value}: it must be a number of at least {least}");
+        bail!("parameter {name} = {value}: it must be a number of at least 0");
     }
     Ok(())
 }
@@ -282,9 +281,7 @@ mod tests {
 
     #[test]
     fn numbers_that_cannot_be_worked_with_are_refused() {
-        for (setting, value) in
-            [("rank.max_ratio=-0.5", "-0.5"), ("meeting.places=0", "0"), ("places.bow.min_score=inf", "inf")]
-        {
+        for (setting, value) in [("rank.max_ratio=-0.5", "-0.5"), ("places.bow.min_score=inf", "inf")] {
             let error = format!("{:#}", given(None, &[setting]).of_merging().unwrap_err());
             let name = setting.split('=').next().unwrap();
             assert!(error.starts_with(&format!("parameter {name} = {value}: it must be")), "{error}");
@@ -295,6 +292,10 @@ mod tests {
         assert!(error.to_string().contains("min_inliers = 7.5: it must be in the range 0.1 to 1"), "{error}");
         assert!(given(None, &[EXAMPLE]).of_run().is_ok());
         assert!(given(None, &[]).of_scans().is_ok() && given(None, &[]).of_merging().is_ok());
+        assert!(
+            given(None, &["further.max_closures=0"]).of_merging().is_ok(),
+            "no further closure is sought"
+        );
     }
 
     #[test]
