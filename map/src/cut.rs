@@ -18,7 +18,13 @@ impl Map {
     /// The part with the keyframes whose ids are within a range.
     fn part(&self, begin: u32, end: u32) -> Map {
         let is_in = |id: KeyframeId| (begin..end).contains(&id.0);
-        let rename = |id: KeyframeId| KeyframeId(id.0 - begin);
+        Map { agents: self.agents.clone(), ..self.renamed_part(is_in, begin) }
+    }
+
+    /// The keyframes that are `is_in` as those of one agent, which is still to be named, the first of which has the id `first` here and 0 there; with
+    /// the edges between them, their frames, and what they observe of each other's points.
+    pub(crate) fn renamed_part(&self, is_in: impl Fn(KeyframeId) -> bool, first: u32) -> Map {
+        let rename = |id: KeyframeId| KeyframeId(id.0 - first);
         let keyframes = self.keyframes.iter().filter(|(id, _)| is_in(**id)).map(|(id, keyframe)| {
             let mut keyframe = keyframe.clone();
             keyframe.points.iter_mut().for_each(|point| point.observations.retain(|o| is_in(o.keyframe)));
@@ -30,7 +36,6 @@ impl Map {
             keyframes: keyframes.collect(),
             edges: edges.map(|edge| renamed_edge(edge.clone(), rename)).collect(),
             frames: frames.map(|frame| renamed_frame(*frame, rename)).collect(),
-            agents: self.agents.clone(),
             ..Map::without_agents()
         }
     }

@@ -57,23 +57,15 @@ impl Map {
         let own = info.own.as_ref();
         let is_own = |id: KeyframeId| owner(&self.agents, id) == Some(agent);
         let first = own.map_or(0, |own| own.first_keyframe);
-        let rename = |id: KeyframeId| KeyframeId(id.0 - first);
-        let keyframe = |(id, keyframe): (&KeyframeId, &Keyframe)| {
-            let pose = own.and_then(|own| own.world_from_keyframe.get(id));
-            let mut keyframe = Keyframe { words: None, ..keyframe.clone() };
+        let mut map = self.renamed_part(is_own, first);
+        for (id, keyframe) in &mut map.keyframes {
+            keyframe.words = None;
+            let pose = own.and_then(|own| own.world_from_keyframe.get(&KeyframeId(id.0 + first)));
             keyframe.world_from_keyframe = pose.copied().unwrap_or(keyframe.world_from_keyframe);
-            keyframe.points.iter_mut().for_each(|p| p.observations.retain(|o| is_own(o.keyframe)));
-            (rename(*id), renamed(keyframe, AgentId::default(), rename))
-        };
-        let edges = self.edges.iter().filter(|edge| is_own(edge.from) && is_own(edge.to));
-        let frames = self.frames.iter().filter(|frame| is_own(frame.reference));
-        let name = own.map_or(&info.name, |own| &own.name).clone();
-        Map {
-            keyframes: self.keyframes.iter().filter(|(id, _)| is_own(**id)).map(keyframe).collect(),
-            edges: edges.map(|edge| renamed_edge(edge.clone(), rename)).collect(),
-            frames: frames.map(|frame| renamed_frame(*frame, rename)).collect(),
-            ..Map::of(AgentInfo { name, own: None, ..info.clone() })
         }
+        let name = own.map_or(&info.name, |own| &own.name).clone();
+        map.agents.insert(AgentId::default(), AgentInfo { name, own: None, ..info.clone() });
+        map
     }
 
     /// One more than the largest id that is a keyframe's or is referred to; not below where the last agent's

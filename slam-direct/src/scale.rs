@@ -7,7 +7,7 @@
 
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState};
 use crate::params::Params;
-use crate::window::predict;
+use crate::window::{mahalanobis, predict};
 use map::{Edge, KeyframeId, Shared};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -218,14 +218,17 @@ fn depth_by(map: &LocalMap, views: &[View], world: &Vector3<f64>) -> Option<(Vec
     let first_from_world = map.keyframes[first.keyframe].camera_from_world;
     let world_from_first = first_from_world.inverse();
     let ray = map.camera.unproject(first.pixel[0], first.pixel[1]);
+    let relative = |view: &View| {
+        let relative = map.keyframes[view.keyframe].camera_from_world * world_from_first;
+        (relative.rotation_matrix(), relative.translation)
+    };
+    let relatives: Vec<_> = others.iter().map(relative).collect();
     let mut inverse_depth = (first_from_world * *world).z.recip();
     let mut fit = Fit::default();
     for _ in 0..STEPS {
         fit = Fit::default();
-        for view in others {
-            let relative = map.keyframes[view.keyframe].camera_from_world * world_from_first;
-            let (rotation, shift) = (relative.rotation_matrix(), relative.translation);
-            let p = predict(&map.camera, &rotation, &shift, &ray, inverse_depth, &view.pixel)?;
+        for (view, (rotation, shift)) in others.iter().zip(&relatives) {
+            let p = predict(&map.camera, rotation, shift, &ray, inverse_depth, &view.pixel)?;
             fit.add(p.residual, p.by_inverse_depth, &view.information);
         }
         inverse_depth += fit.step()?;
@@ -261,11 +264,12 @@ struct Fit {
 
 impl Fit {
     /// Adds a residual, its derivative by the unknown, and its information.
-    fn add(&mut self, e: [f64; 2], j: [f64; 2], [a, b, c]: &[f64; 3]) {
+    fn add(&mut self, e: [f64; 2], j: [f64; 2], information: &[f64; 3]) {
+        let [a, b, c] = information;
         let w = [a * j[0] + b * j[1], b * j[0] + c * j[1]];
         self.hessian += w[0] * j[0] + w[1] * j[1];
         self.gradient += w[0] * e[0] + w[1] * e[1];
-        self.cost += e[0] * (a * e[0] + b * e[1]) + e[1] * (b * e[0] + c * e[1]);
+        self.cost += mahalanobis(&e, information);
         self.count += 1.0;
     }
 

@@ -6,6 +6,7 @@
 //! well, against that of unrelated cells of as much contrast.
 
 use backend::sim3_align::{CellMatch, Layer};
+use geometry::median;
 
 /// Bins of contrast, evenly spread over its logarithm, and the least and the most.
 const CONTRASTS: usize = 16;
@@ -46,7 +47,7 @@ pub(super) struct Agreement {
     same: Vec<f64>,
     /// By contrast.
     other: Vec<f64>,
-    /// The median correlation of unrelated cells.
+    /// The median correlation of unrelated cells; 0 without any.
     pub unrelated: f64,
 }
 
@@ -57,9 +58,11 @@ impl Agreement {
         let same = same.map(|[known, correlation]| (known_row(known), correlation));
         let other: Vec<(usize, f64)> =
             other.map(|[contrast, correlation]| (contrast_row(contrast), correlation)).collect();
+        let mut correlations: Vec<f64> = other.iter().map(|(_, correlation)| *correlation).collect();
+        let unrelated = median(&mut correlations).unwrap_or(0.0);
         Self {
             same: density(same, KNOWN, KNOWN_SPREAD),
-            unrelated: median(&other),
+            unrelated,
             other: density(other.into_iter(), CONTRASTS, CONTRAST_SPREAD),
         }
     }
@@ -73,13 +76,6 @@ impl Agreement {
         let ratio = same / self.other[contrast_row(cell.contrast) * CORRELATIONS + column];
         if cell.is_visible { ratio.ln() } else { (HIDDEN + (1.0 - HIDDEN) * ratio).ln() }
     }
-}
-
-/// The median of correlations; 0 without any.
-fn median(cells: &[(usize, f64)]) -> f64 {
-    let mut all: Vec<f64> = cells.iter().map(|(_, correlation)| *correlation).collect();
-    all.sort_by(f64::total_cmp);
-    all.get(all.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn bin(share: f64, count: usize) -> usize {
