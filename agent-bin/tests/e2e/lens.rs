@@ -39,6 +39,10 @@ fn a_recording_without_a_calibration_is_calibrated_from_itself() {
     outcome.assert_says(&["no calibration came with it", "focal length"]);
     let found = focal(&fs::read_to_string(case.out().join("camera.yaml")).expect("the results hold it"));
     assert!((found / truth - 1.0).abs() < 0.02, "{found} for {truth}\n{outcome}");
+    let record = fs::read_to_string(case.out().join("run.json")).expect("the results hold it");
+    let record: serde_json::Value = serde_json::from_str(&record).expect("JSON");
+    let deviation = record["calibration"]["focal_deviation"].as_f64().expect("as it was found");
+    assert!(deviation > 0.0 && (found / truth - 1.0).abs() < 3.0 * deviation, "{deviation}");
     let measured = Accuracy::of(&case.out(), &case.source().join("groundtruth.txt"));
     assert!(measured.frames >= 118, "{} frames", measured.frames);
     assert!(measured.rmse < 0.004 * measured.path, "{} m of {} m", measured.rmse, measured.path);

@@ -256,7 +256,8 @@ impl PreparedRun {
             recorder.start(path, &head)?;
         }
         let (lens, halvings) = (*correction.lens(), correction.halvings());
-        let calibration = CalibrationRecord::new(&correction);
+        let focal_deviation = options.lens.as_ref().map(|lens| lens.focal_deviation);
+        let calibration = CalibrationRecord::new(&correction, focal_deviation);
         let unused = correction.unused().cloned();
         let first_part = options.recording.map(|recording| {
             let mask = correction.drawn_mask().cloned();

@@ -269,7 +269,12 @@ mod tests {
                 duration_s: None,
             },
             camera: CAMERA,
-            calibration: CalibrationRecord { origin: "a file".into(), lens: lens.unwrap(), halvings: 0 },
+            calibration: CalibrationRecord {
+                origin: "a file".into(),
+                lens: lens.unwrap(),
+                halvings: 0,
+                focal_deviation: None,
+            },
             params: Params::default(),
             left_out: None,
             resumed: None,

@@ -150,13 +150,16 @@ pub struct CalibrationRecord {
     pub lens: Camera,
     /// How often the images were halved before they were undistorted.
     pub halvings: usize,
+    /// Standard deviation of the focal length over the focal length, where the lens was found from the images.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub focal_deviation: Option<f64>,
 }
 
 impl CalibrationRecord {
-    /// What a correction undistorts images by.
-    pub fn new(correction: &ImageCorrection) -> Self {
+    /// What a correction undistorts images by, and how well its focal length was found.
+    pub fn new(correction: &ImageCorrection, focal_deviation: Option<f64>) -> Self {
         let (origin, lens) = (correction.origin().to_owned(), *correction.calibrated());
-        Self { origin, lens, halvings: correction.halvings() }
+        Self { origin, lens, halvings: correction.halvings(), focal_deviation }
     }
 }
 
