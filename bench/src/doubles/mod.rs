@@ -16,7 +16,7 @@ use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result, bail};
 use geometry::Sim3;
 use loopbox_tests::doubles::{Kind, Version};
-use map::save_map;
+use map::{Map, save_map};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
@@ -74,6 +74,8 @@ pub struct Pair {
     kind: Kind,
     grain: f32,
     relation: Relation,
+    /// Whether it is a double whose images are those of the place itself, to the bit: nothing that differs is in view.
+    is_alike: bool,
     became: Became,
 }
 
@@ -114,27 +116,40 @@ fn of_place(plan: &Plan, kind: Kind, grain: f32, number: u64) -> Result<Vec<Pair
     let here = Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain };
     let name = format!("{}-{grain}-{seed}", name_of(kind));
     let home = plan.work.join("doubles").join(&name);
-    let first = map(kind, &here, 2 * number, &home.join("first.mcap"))?;
+    let first = saved(&rendered(kind, &here, 2 * number), &home.join("first.mcap"))?;
     let doubles = DIFFERING.map(|share| (Relation::Double(share), Version { place: 1, share, ..here }));
     let same = MOVED.map(|moved| (Relation::Same(moved), Version { time: 1, moved, ..here }));
+    let again = rendered(kind, &Version { time: 1, ..here }, 2 * number + 1);
     let merged = |(relation, version): (Relation, Version)| {
-        let second = map(kind, &version, 2 * number + 1, &home.join("second.mcap"))?;
+        let second = rendered(kind, &version, 2 * number + 1);
+        let is_alike = matches!(relation, Relation::Double(_)) && is_alike(&second, &again);
+        let second = saved(&second, &home.join("second.mcap"))?;
         let record = record(plan.program, &[first.clone(), second], &home)?;
         let became = became(&record, relation).with_context(|| format!("{name} {relation:?}"))?;
-        Ok(Pair { kind, grain, relation, became })
+        Ok(Pair { kind, grain, relation, is_alike, became })
     };
     let pairs = doubles.into_iter().chain(same).map(merged).collect();
     std::fs::remove_dir_all(&home).with_context(|| format!("{}: cannot be removed", home.display()))?;
     pairs
 }
 
-/// The map of a way past a place, in a file.
-fn map(kind: Kind, version: &Version, pass: u64, file: &Path) -> Result<PathBuf> {
-    let map = rendered::noisy_map(&kind.world(version), &kind.path(pass, KEYFRAMES), (NOISE, pass));
+/// The map of a way past a place.
+fn rendered(kind: Kind, version: &Version, pass: u64) -> Map {
+    rendered::noisy_map(&kind.world(version), &kind.path(pass, KEYFRAMES), (NOISE, pass))
+}
+
+/// Whether two maps of one way have the same images.
+fn is_alike(one: &Map, other: &Map) -> bool {
+    one.keyframes.len() == other.keyframes.len()
+        && one.keyframes.values().zip(other.keyframes.values()).all(|(a, b)| a.image == b.image)
+}
+
+/// A map in a file.
+fn saved(map: &Map, file: &Path) -> Result<PathBuf> {
     if let Some(folder) = file.parent() {
         std::fs::create_dir_all(folder).with_context(|| format!("{}: cannot be made", folder.display()))?;
     }
-    save_map(file, &map).with_context(|| format!("{}: cannot be written", file.display()))?;
+    save_map(file, map).with_context(|| format!("{}: cannot be written", file.display()))?;
     Ok(file.to_owned())
 }
 
@@ -166,6 +181,7 @@ fn became(record: &Value, relation: Relation) -> Result<Became> {
 
 impl std::fmt::Debug for Pair {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:?} {:?}", self.relation, self.became)
+        let alike = if self.is_alike { " (alike)" } else { "" };
+        write!(f, "{:?}{alike} {:?}", self.relation, self.became)
     }
 }

@@ -4,9 +4,9 @@ use super::{Became, DIFFERING, GRAINS, KEYFRAMES, MOVED, NOISE, Pair, Relation, 
 use loopbox_tests::doubles::Kind;
 use std::fmt::Write;
 
-/// How many pairs were merged wrongly.
+/// How many pairs were merged wrongly, of those in which something that differs is in view.
 pub fn wrong(pairs: &[Pair]) -> usize {
-    pairs.iter().filter(|pair| pair.became == Became::Wrong).count()
+    pairs.iter().filter(|pair| pair.became == Became::Wrong && !pair.is_alike).count()
 }
 
 /// The section of the document: of each kind and grain, what was merged by the share that differs.
@@ -15,7 +15,8 @@ pub fn section(pairs: &[Pair], seed: u64) -> String {
         DIFFERING.map(Relation::Double).into_iter().chain(MOVED.map(Relation::Same)).collect();
     let mut text = format!(
         "Seed {seed}, exact maps of {KEYFRAMES} keyframes, image noise of {NOISE} grey levels, each pair by itself. *Two*: two places, of which \
-         such a share of the things differs, merged (wrongly) of so many. *One*: one place, of which such a share of the things was moved, \
+         such a share of the things differs, merged (wrongly) of so many; *alike* those whose images are the place's own to the bit, as nothing \
+         that differs is in view. *One*: one place, of which such a share of the things was moved, \
          merged rightly of so many; what is not merged is undecided, or behind a slash refused. *Grain*: what each surface has of its \
          own, grey levels. **Bold**: kinds on which no limit was set.\n\n| places | grain |"
     );
@@ -39,7 +40,15 @@ pub fn section(pairs: &[Pair], seed: u64) -> String {
         let own: Vec<&Pair> = pairs.iter().filter(|pair| of(pair.kind)).collect();
         row(&mut text, name, "", &columns, &own);
     }
-    let _ = writeln!(text, "\nMerged wrongly: {} of {} pairs.", wrong(pairs), pairs.len());
+    let alike: Vec<&Pair> = pairs.iter().filter(|pair| pair.is_alike).collect();
+    let merged = alike.iter().filter(|pair| pair.became == Became::Wrong).count();
+    let _ = writeln!(
+        text,
+        "\nMerged wrongly: {} of {} pairs, and {merged} of {} doubles that are alike.",
+        wrong(pairs),
+        pairs.len() - alike.len(),
+        alike.len()
+    );
     text
 }
 
@@ -54,11 +63,21 @@ fn kinds() -> impl Iterator<Item = (Kind, bool)> {
 fn row(text: &mut String, name: &str, grain: &str, columns: &[Relation], pairs: &[&Pair]) {
     let _ = write!(text, "| {name} | {grain} |");
     for column in columns {
-        let became: Vec<Became> =
-            pairs.iter().filter(|pair| pair.relation == *column).map(|pair| pair.became).collect();
+        let of = |is_alike: bool| {
+            let own = pairs.iter().filter(move |pair| pair.relation == *column && pair.is_alike == is_alike);
+            own.map(|pair| pair.became).collect::<Vec<_>>()
+        };
+        let (became, alike) = (of(false), of(true));
         let count = |of: Became| became.iter().filter(|became| **became == of).count();
         let _ = match column {
-            Relation::Double(_) => write!(text, " {} of {} |", count(Became::Wrong), became.len()),
+            Relation::Double(_) => {
+                let merged = alike.iter().filter(|became| **became == Became::Wrong).count();
+                let alike = match alike.len() {
+                    0 => String::new(),
+                    all => format!(", alike {merged} of {all}"),
+                };
+                write!(text, " {} of {}{alike} |", count(Became::Wrong), became.len())
+            }
             Relation::Same(_) => {
                 let apart = count(Became::Apart) + count(Became::Wrong);
                 let apart = if apart > 0 { format!(" / {apart}") } else { String::new() };
@@ -75,19 +94,21 @@ mod tests {
 
     #[test]
     fn a_row_counts_by_the_share_that_differs() {
-        let pair = |relation, became| Pair { kind: Kind::Lobby, grain: 3.0, relation, became };
+        let pair =
+            |relation, became| Pair { kind: Kind::Lobby, grain: 3.0, relation, is_alike: false, became };
         let pairs = [
             pair(Relation::Double(0.05), Became::Wrong),
             pair(Relation::Double(0.05), Became::Undecided),
             pair(Relation::Double(1.0), Became::Apart),
+            Pair { is_alike: true, ..pair(Relation::Double(0.05), Became::Wrong) },
             pair(Relation::Same(0.0), Became::Right),
             pair(Relation::Same(0.2), Became::Undecided),
             pair(Relation::Same(0.2), Became::Apart),
         ];
         let text = section(&pairs, 7);
-        let row = "| **lobby** | 3 | 1 of 2 | 0 of 0 | 0 of 0 | 0 of 1 | 1 of 1 | 0 of 0 | 0 of 2 / 1 |";
+        let row = "| **lobby** | 3 | 1 of 2, alike 1 of 1 | 0 of 0 | 0 of 0 | 0 of 1 | 1 of 1 | 0 of 0 | 0 of 2 / 1 |";
         assert!(text.contains(row), "{text}");
-        assert!(text.contains("Merged wrongly: 1 of 6 pairs."), "{text}");
+        assert!(text.contains("Merged wrongly: 1 of 6 pairs, and 1 of 1 doubles that are alike."), "{text}");
         assert_eq!(wrong(&pairs), 1);
     }
 }
