@@ -377,7 +377,8 @@ fn decide(
                 evidence.matches += matches_along(source, target, &closure, &joined, &params.closure);
             }
             let mut verdict = judge(evidence, &params.acceptance);
-            if verdict.accepts() {
+            // Also where a person may confirm the place: that says nothing of the pose.
+            if verdict.confirmed(&params.acceptance).accepts() {
                 let Others { matched, proposed } = others;
                 let share = rival_share(source, target, &closure, matched, proposed, &params.closure);
                 verdict = judge(Evidence { rival_place: Some(share), ..evidence }, &params.acceptance);

@@ -141,7 +141,7 @@ pub fn merge(
     };
     let of_lidars = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
         let params = LidarMergeParams::default();
-        let options = LidarMergeOptions { out: out.clone(), force, params, verdicts: verdicts.clone() };
+        let options = LidarMergeOptions { out: out.clone(), force, params, verdicts: verdicts.clone(), confirm: Vec::new() };
         let merged = lidar::merge_maps(maps, &options, &Stop::default(), &mut |_| {})?;
         let record = serde_json::to_string(&merged.record)?;
         Ok((merged.merging.any_joined(), merged.verdict(), record))

@@ -21,6 +21,10 @@ pub struct JudgingArgs {
     /// day
     #[arg(long, value_name = "DAYS", value_parser = days)]
     days_apart: Option<f64>,
+    /// Join these two agents, by their names in the verdict: you know that both maps show one place, whatever looks otherwise. That the
+    /// pose between them is right is still tested. With --verdicts it is kept; may be given again
+    #[arg(long, value_name = "A+B")]
+    pub confirm: Vec<String>,
     #[command(flatten)]
     parameters: ParameterArgs,
     /// Where verdicts are kept: a folder, or in a bucket s3://BUCKET/PREFIX, gs://… or az://…. Pairs that have one there are not looked at
@@ -73,6 +77,9 @@ impl JudgingArgs {
         if self.verdicts.is_some() {
             bail!("--verdicts is for maps of cameras alone or of LiDARs alone, and among these are both");
         }
+        if !self.confirm.is_empty() {
+            bail!("--confirm is for maps of cameras alone or of LiDARs alone, and among these are both");
+        }
         let lidars = self.lidar_params()?;
         let mut cameras = self.parameters.of_merging()?;
         cameras.further.place.prior.days_apart =
@@ -85,10 +92,11 @@ impl JudgingArgs {
     /// # Errors
     /// As [`of_cameras`](Self::of_cameras) and [`of_lidars`](Self::of_lidars).
     pub fn of_either(&self, are_lidars: bool) -> Result<VerdictOptions> {
-        let verdicts = self.verdicts.clone();
+        let (verdicts, confirm) = (self.verdicts.clone(), self.confirm.clone());
+        let options = VerdictOptions { verdicts, confirm, ..VerdictOptions::default() };
         Ok(match are_lidars {
-            true => VerdictOptions { lidars: self.of_lidars()?, verdicts, ..VerdictOptions::default() },
-            false => VerdictOptions { cameras: self.of_cameras()?, verdicts, ..VerdictOptions::default() },
+            true => VerdictOptions { lidars: self.of_lidars()?, ..options },
+            false => VerdictOptions { cameras: self.of_cameras()?, ..options },
         })
     }
 

@@ -41,7 +41,7 @@ pub struct MergeArgs {
     /// lidar_from_camera, as tx,ty,tz,qx,qy,qz,qw in metres, or a file of these or of the upper 3×4 of the matrix. The
     /// camera's map gets place and metres of the LiDAR's
     #[arg(long, value_name = "POSE", value_parser = extrinsic, allow_hyphen_values = true,
-        conflicts_with_all = ["method", "params", "set", "days_apart", "verdicts"])]
+        conflicts_with_all = ["method", "params", "set", "days_apart", "confirm", "verdicts"])]
     extrinsic: Option<Se3>,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
@@ -87,7 +87,8 @@ pub fn run(args: &mut MergeArgs) -> Result<()> {
         );
     }
     let verdicts = args.judging.verdicts.clone();
-    let options = MergeOptions { out: args.out.clone(), force: args.force, params, verdicts };
+    let confirm = args.judging.confirm.clone();
+    let options = MergeOptions { out: args.out.clone(), force: args.force, params, verdicts, confirm };
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let merged = merge_maps_watched(&args.maps, options, &stop, &progress)?;

@@ -22,6 +22,7 @@ pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
         force: args.force,
         params,
         verdicts: args.judging.verdicts.clone(),
+        confirm: args.judging.confirm.clone(),
     };
     let merged = merge_maps(&args.maps, &options, &stop, &mut stage)?;
     merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));

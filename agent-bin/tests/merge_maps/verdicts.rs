@@ -76,6 +76,38 @@ fn maps_of_two_places_are_not_joined_and_the_verdict_is_kept() {
     assert_eq!((numbers.as_array().unwrap().len(), &numbers[0]["accepted"]), (1, &Value::Bool(false)));
 }
 
+/// A person settles a pair that the surface leaves open; that is kept with the verdict, and a pair without a common pose stays apart.
+#[test]
+fn a_person_confirms_a_pair_that_cannot_be_told() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let (left, right, elsewhere) = (runs.run("left"), runs.run("right"), runs.run("elsewhere"));
+    let kept = case.path("verdicts");
+    // What is asked of the surface here none reaches.
+    let strict = ["meeting.acceptance.min_untold_change=0", "further.place.prior.certainty=0.9999999"];
+    let judge = |maps: [&Path; 2], more: &[&str]| {
+        let asked =
+            [&["verdict", arg(maps[0]), arg(maps[1]), "--set", strict[0], "--set", strict[1]][..], more];
+        loopbox(&asked.concat())
+    };
+    let open = judge([&left, &right], &["--verdicts", arg(&kept)]);
+    open.assert_ended(3, &["left + right: undecided", "does not tell one place from two"]);
+
+    let confirm = ["--verdicts", arg(&kept), "--confirm", "right+left"];
+    let confirmed = judge([&left, &right], &confirm);
+    confirmed.assert_success();
+    for word in ["left + right: accepted", "confirmed by a person"] {
+        assert!(confirmed.stdout.contains(word), "{confirmed:#?}");
+    }
+    let again = judge([&right, &left], &["--verdicts", arg(&kept), "--json", "--quiet"]);
+    again.assert_success();
+    let record: Value = serde_json::from_str(&again.stdout).unwrap();
+    assert_eq!((&record[0]["confirmed"], &record[0]["answer"]), (&Value::Bool(true), &"same".into()));
+
+    judge([&left, &elsewhere], &["--confirm", "left+elsewhere"])
+        .assert_ended(1, &["--confirm left+elsewhere: they cannot be joined", "no pose between the maps"]);
+    judge([&left, &right], &["--confirm", "left+nobody"]).assert_ended(1, &["they are called left, right"]);
+}
+
 /// Whoever is first keeps it; the others find the same.
 #[test]
 fn several_processes_share_a_folder_of_verdicts() {

@@ -95,7 +95,7 @@ impl ScanCollector {
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
         let params = LidarMergeParams::default();
         let verdicts = self.verdicts_on(contents, &params);
-        let merging = merge_knowing(inputs, &params, Some(&verdicts), &mut |_| go_on());
+        let merging = merge_knowing(inputs, &params, (&[], Some(&verdicts)), &mut |_| go_on());
         let merging = merging.map_err(Failed::Merge)?;
         // A map that changed is never again as it was.
         let current = verdicts.objects();
@@ -292,6 +292,7 @@ mod tests {
             force: false,
             params: LidarMergeParams::default(),
             verdicts: None,
+            confirm: Vec::new(),
         };
         merge_maps(&paths, &options, &Stop::default(), &mut |_| {}).unwrap();
         for name in ["map.mcap", "cloud.ply", "trajectory-b.txt"] {

@@ -5,7 +5,7 @@ mod record;
 pub use record::{DifferenceRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost, PairRecord};
 
 use super::convert::{edge, keyframes};
-use crate::merging::{name_of, untaken};
+use crate::merging::{name_of, named_pair, untaken};
 use crate::verdicts::LidarVerdicts;
 use anyhow::{Context, Result, bail};
 use backend::verdict::{Answer, Prior};
@@ -128,6 +128,11 @@ impl Pair {
         self.weight.is_some_and(|weight| weight >= OUTVOTED)
     }
 
+    /// Whether it joins its maps because a person said that both show one place.
+    pub fn is_confirmed(&self) -> bool {
+        self.is_kept() && self.verdict.is_confirmed
+    }
+
     /// What is said of the two: the same place or another.
     pub fn answer(&self) -> Answer {
         match self.weight {
@@ -140,6 +145,9 @@ impl Pair {
     pub fn reason(&self) -> String {
         match self.weight {
             Some(weight) if weight < OUTVOTED => "taken back: other merges contradict it".into(),
+            Some(_) if self.verdict.is_confirmed => {
+                "confirmed by a person: what looks otherwise does not keep them apart".into()
+            }
             _ => self.verdict.line.to_string(),
         }
     }
@@ -182,17 +190,29 @@ pub fn merge(
     params: &LidarMergeParams,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<LidarMerging> {
-    merge_knowing(inputs, params, None, stage)
+    merge_knowing(inputs, params, (&[], None), stage)
 }
 
-/// The same where `verdicts` keep what pairs made of each other.
+/// Pairs of inputs of which a person says that both show one place, and what is kept of pairs.
+pub(crate) type Known<'a> = (&'a [[usize; 2]], Option<&'a LidarVerdicts<'a>>);
+
+/// The pairs of inputs that `confirm` names as `A+B`.
 ///
 /// # Errors
-/// As [`merge`], and when a verdict cannot be read or kept.
+/// When one names no two inputs.
+pub(crate) fn confirmed_pairs(inputs: &[Input], confirm: &[String]) -> Result<Vec<[usize; 2]>> {
+    let names: Vec<&str> = inputs.iter().map(|input| &*input.name).collect();
+    confirm.iter().map(|text| named_pair(text, &names)).collect()
+}
+
+/// The same where something is known of pairs.
+///
+/// # Errors
+/// As [`merge`], and when a verdict cannot be read or kept, or a pair cannot be joined that is confirmed.
 pub(crate) fn merge_knowing(
     inputs: &[Input],
     params: &LidarMergeParams,
-    verdicts: Option<&LidarVerdicts>,
+    known: Known,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<LidarMerging> {
     if inputs.len() < 2 {
@@ -203,7 +223,7 @@ pub(crate) fn merge_knowing(
     for b in 1..inputs.len() {
         for a in 0..b {
             stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
-            pairs.push(compared(inputs, [a, b], params, verdicts)?);
+            pairs.push(compared(inputs, [a, b], params, known)?);
         }
     }
     let joined = join(inputs.len(), &mut pairs);
@@ -216,7 +236,7 @@ fn compared(
     inputs: &[Input],
     [a, b]: [usize; 2],
     params: &LidarMergeParams,
-    verdicts: Option<&LidarVerdicts>,
+    (confirm, verdicts): Known,
 ) -> Result<Pair> {
     let begin = Instant::now();
     // In an order that has nothing to do with how maps are given, so that what is kept is the same to the byte.
@@ -231,6 +251,22 @@ fn compared(
             found
         }
     };
+    let confirmed = || verdict.confirmed(&inputs[first].ready, &inputs[second].ready, &params.prior);
+    let verdict = if verdict.decision == Decision::Accepted {
+        verdict
+    } else if confirm.contains(&[a.min(b), a.max(b)]) {
+        let confirmed = confirmed();
+        if confirmed.decision != Decision::Accepted {
+            let [a, b] = [a, b].map(|input| &inputs[input].name);
+            bail!("--confirm {a}+{b}: they cannot be joined: {}", confirmed.line);
+        }
+        verdicts.map_or(Ok(()), |verdicts| verdicts.confirm(order))?;
+        confirmed
+    } else if verdicts.map_or(Ok(false), |verdicts| verdicts.is_confirmed(order))? {
+        confirmed()
+    } else {
+        verdict
+    };
     let verdict = if is_swapped { verdict.swapped() } else { verdict };
     Ok(Pair { a, b, verdict, weight: None, seconds: begin.elapsed().as_secs_f64() })
 }
@@ -238,14 +274,14 @@ fn compared(
 /// Two inputs compared as if there were no others.
 ///
 /// # Errors
-/// When a verdict cannot be read or kept.
+/// When a verdict cannot be read or kept, or they cannot be joined and are confirmed.
 pub(crate) fn pair_alone(
     inputs: &[Input],
     pair: [usize; 2],
     params: &LidarMergeParams,
-    verdicts: Option<&LidarVerdicts>,
+    known: Known,
 ) -> Result<Pair> {
-    let mut pair = compared(inputs, pair, params, verdicts)?;
+    let mut pair = compared(inputs, pair, params, known)?;
     pair.weight = accepted(&pair).map(|_| 1.0);
     Ok(pair)
 }

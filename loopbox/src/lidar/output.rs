@@ -1,6 +1,8 @@
 //! From recordings and maps in files to folders of results.
 
-use super::merging::{Input, LidarMergeParams, LidarMergeRecord, LidarMerging, merge_knowing, summary};
+use super::merging::{
+    Input, LidarMergeParams, LidarMergeRecord, LidarMerging, confirmed_pairs, merge_knowing, summary,
+};
 use super::notifying::Notifier;
 use super::poses::GivenPoses;
 use super::record::LidarRecord;
@@ -213,6 +215,8 @@ pub struct LidarMergeOptions {
     pub params: LidarMergeParams,
     /// The folder that verdicts on pairs are taken from and kept in; made if it is not there.
     pub verdicts: Option<PathBuf>,
+    /// Pairs of agents, each as `A+B`, of which a person says that both maps show one place.
+    pub confirm: Vec<String>,
 }
 
 /// What came of a merge.
@@ -246,7 +250,7 @@ pub fn merge_maps(
     stop: &Stop,
     stage: &mut dyn FnMut(&str),
 ) -> Result<LidarMerged> {
-    let LidarMergeOptions { out, force, params, verdicts } = options;
+    let LidarMergeOptions { out, force, params, verdicts, confirm } = options;
     refuse_one(paths)?;
     keep_from(out, paths)?;
     let mut results = Results::create(out, &Owner::Merge, *force)?;
@@ -256,7 +260,8 @@ pub fn merge_maps(
     };
     let (inputs, warnings) = read_inputs(paths, &mut step)?;
     let verdicts = LidarVerdicts::of(verdicts.as_deref(), &inputs, params)?;
-    let merging = merge_knowing(&inputs, params, verdicts.as_ref(), &mut step)?;
+    let confirm = confirmed_pairs(&inputs, confirm)?;
+    let merging = merge_knowing(&inputs, params, (&confirm, verdicts.as_ref()), &mut step)?;
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();

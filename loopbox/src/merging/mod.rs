@@ -2,6 +2,7 @@
 //! the other, with their times. The steps themselves are in the crate `merge`.
 
 mod batches;
+mod confirming;
 mod contradictions;
 mod incremental;
 mod input;
@@ -19,6 +20,7 @@ mod rig;
 mod verdict;
 
 pub use crate::results::keep_from;
+pub(crate) use confirming::{confirm_pairs, named_pair};
 #[cfg(all(test, feature = "fleet"))]
 pub(crate) use incremental::Seen;
 pub(crate) use input::name_of;
@@ -272,21 +274,22 @@ pub fn merge(
     params: &MergingParams,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
-    merge_knowing(inputs, vocabulary, params, None, progress)
+    merge_knowing(inputs, vocabulary, params, (&[], None), progress)
 }
 
-/// [`merge`](fn@merge), where `verdicts` keep what pairs made of each other.
+/// [`merge`](fn@merge), where a person says of some pairs, `A+B`, that they show one place, and `verdicts` keep what pairs made of each other.
 ///
 /// # Errors
-/// As [`merge`](fn@merge), and when a verdict cannot be read or kept.
+/// As [`merge`](fn@merge), and when a verdict cannot be read or kept, or a pair cannot be joined that is confirmed.
 pub(crate) fn merge_knowing(
     inputs: &[Input],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
-    verdicts: Option<&CameraVerdicts>,
+    (confirm, verdicts): (&[String], Option<&CameraVerdicts>),
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
-    let pair_results = pair_results(inputs, vocabulary, params, verdicts, progress)?;
+    let mut pair_results = pair_results(inputs, vocabulary, params, verdicts, progress)?;
+    confirming::confirm_pairs(&mut pair_results, inputs, confirm, params, verdicts)?;
     progress("making the common map")?;
     making::common_map(inputs, pair_results, params, params.fusion.optimise, &[])
 }

@@ -27,12 +27,16 @@ pub struct MergeOptions {
     pub params: MergingParams,
     /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket.
     pub verdicts: Option<PathBuf>,
+    /// Pairs of agents, each as `A+B`, of which a person says that both maps show one place: what differs between them keeps them apart no
+    /// more. With `verdicts` that is kept too.
+    pub confirm: Vec<String>,
 }
 
 impl MergeOptions {
     /// The usual merge, with results in `out`.
     pub fn to(out: impl Into<PathBuf>) -> Self {
-        Self { out: out.into(), force: false, params: MergingParams::default(), verdicts: None }
+        let (params, verdicts, confirm) = Default::default();
+        Self { out: out.into(), force: false, params, verdicts, confirm }
     }
 }
 
@@ -116,7 +120,8 @@ pub fn merge_maps_watched(
     let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
     let params = &options.params;
     let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
-    let mut merging = merge_knowing(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
+    let known = (&*options.confirm, verdicts.as_ref());
+    let mut merging = merge_knowing(&inputs, &vocabulary, params, known, &mut stage)?;
     let names = Names::new(&merging.common);
     if options.params.joint && merging.any_joined() {
         stage("optimising the common map jointly")?;

@@ -74,9 +74,11 @@ fn accepted(
         100.0 * evidence.inlier_share
     );
     if let Some(place) = evidence.place {
-        let undecided_text = "  the surface alone does not tell, and all other tests agree";
-        let phrase =
-            if place.answer.joins() { of_place(&place) } else { of_place_as(undecided_text, &place) };
+        let phrase = match place.answer {
+            _ if verdict.is_confirmed => of_place_as("  confirmed by a person; by the surface", &place),
+            answer if answer.joins() => of_place(&place),
+            _ => of_place_as("  the surface alone does not tell, and all other tests agree", &place),
+        };
         let _ = writeln!(text, "{phrase}");
     }
     // σ* is the target's unit in terms of the source's.

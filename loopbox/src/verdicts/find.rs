@@ -11,7 +11,7 @@ use place_recog::Vocabulary;
 use serde::Serialize;
 use sources::Stop;
 use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// How a verdict is found.
 #[derive(Clone, Debug, Default)]
@@ -22,6 +22,8 @@ pub struct VerdictOptions {
     pub lidars: LidarMergeParams,
     /// Where verdicts are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket.
     pub verdicts: Option<PathBuf>,
+    /// Pairs of agents, each as `A+B`, of which a person says that both maps show one place.
+    pub confirm: Vec<String>,
 }
 
 /// A verdict, for people and programs.
@@ -46,10 +48,9 @@ pub fn find_verdict(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<VerdictReport> {
-    let folder = options.verdicts.as_deref();
     match sensors_at(maps) {
-        Sensors::Cameras => of_cameras(maps, &options.cameras, folder, stop, watcher),
-        Sensors::Lidars => of_lidars(maps, &options.lidars, folder, stop, watcher),
+        Sensors::Cameras => of_cameras(maps, options, stop, watcher),
+        Sensors::Lidars => of_lidars(maps, options, stop, watcher),
         Sensors::Mixed => bail!(
             "{} and {}: one holds agents of both kinds; `loopbox unmerge` gives each agent's own map",
             maps[0].display(),
@@ -60,17 +61,18 @@ pub fn find_verdict(
 
 fn of_cameras(
     paths: &[PathBuf; 2],
-    params: &MergingParams,
-    folder: Option<&Path>,
+    options: &VerdictOptions,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<VerdictReport> {
+    let params = &options.cameras;
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(std::env::temp_dir());
     let inputs = merging::load(paths, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
-    let verdicts = CameraVerdicts::of(folder, &inputs, params)?;
-    let mut stage = |text: &str| go_on(text, stop, watcher);
-    let pair_results = merging::pair_results(&inputs, &vocabulary, params, verdicts.as_ref(), &mut stage)?;
+    let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
+    let (verdicts, mut stage) = (verdicts.as_ref(), |text: &str| go_on(text, stop, watcher));
+    let mut pair_results = merging::pair_results(&inputs, &vocabulary, params, verdicts, &mut stage)?;
+    merging::confirm_pairs(&mut pair_results, &inputs, &options.confirm, params, verdicts)?;
     let text = pair_results.iter().map(|pair_result| merging::verdict_of(&inputs, pair_result)).collect();
     let records: Vec<_> = pair_results.iter().map(|e| merging::PairRecord::new(e, &inputs)).collect();
     let joins = pair_results.iter().any(|pair_result| pair_result.joined.is_some());
@@ -79,20 +81,22 @@ fn of_cameras(
 
 fn of_lidars(
     paths: &[PathBuf; 2],
-    params: &LidarMergeParams,
-    folder: Option<&Path>,
+    options: &VerdictOptions,
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<VerdictReport> {
     let (inputs, warnings) = lidar::read_inputs(paths, &mut |text| go_on(text, stop, watcher))?;
     warnings.iter().for_each(|warning| watcher.warn(warning));
-    let verdicts = LidarVerdicts::of(folder, &inputs, params)?;
+    let params = &options.lidars;
+    let confirm = lidar::merging::confirmed_pairs(&inputs, &options.confirm)?;
+    let verdicts = LidarVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
+    let known = (&*confirm, verdicts.as_ref());
     let (mut text, mut records, mut joins) = (String::new(), Vec::new(), false);
     let across = |a: usize, b: usize| inputs[a].path == paths[0] && inputs[b].path == paths[1];
     for (a, b) in (0..inputs.len()).flat_map(|a| (0..inputs.len()).map(move |b| (a, b))) {
         if across(a, b) {
             go_on(&format!("comparing {} and {}", inputs[a].name, inputs[b].name), stop, watcher)?;
-            let pair = lidar::merging::pair_alone(&inputs, [a, b], params, verdicts.as_ref())?;
+            let pair = lidar::merging::pair_alone(&inputs, [a, b], params, known)?;
             joins |= pair.is_kept();
             text += &lidar::merging::summary(&inputs, &pair);
             records.push(lidar::merging::PairRecord::of(&pair, &inputs));

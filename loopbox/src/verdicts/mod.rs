@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Goes up with every change of what comes of two maps: verdicts of other versions are not taken for this one's.
-const METHOD_VERSION: u32 = 7;
+const METHOD_VERSION: u32 = 8;
 const EXTENSION: &str = "verdict";
 
 /// The SHA-256 of a map's file, in hexadecimal; of one agent of several in it, with `#` and its number.
@@ -100,6 +100,11 @@ impl VerdictKey {
     /// The name of the verdict among [`Blobs`].
     pub fn object(&self) -> String {
         format!("{}.{EXTENSION}", self.name)
+    }
+
+    /// The name of what is there where a person confirmed that both maps show one place.
+    fn confirmation(&self) -> String {
+        format!("{}.confirmed", self.name)
     }
 }
 
@@ -175,6 +180,27 @@ impl Verdicts {
             bail!(hint());
         }
         Ok(Some(kept))
+    }
+
+    /// Keeps that a person said of two maps that both show one place.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    fn confirm(&self, key: &VerdictKey) -> Result<()> {
+        let name = key.confirmation();
+        if self.blobs.has(&name)? {
+            Ok(())
+        } else {
+            self.blobs.put(&name, b"a person said that both show one place\n")
+        }
+    }
+
+    /// Whether a person said so.
+    ///
+    /// # Errors
+    /// When that cannot be read.
+    fn is_confirmed(&self, key: &VerdictKey) -> Result<bool> {
+        self.blobs.has(&key.confirmation())
     }
 
     /// Keeps a verdict on `maps`, in the order that it speaks of, where there is none of that name.
@@ -254,6 +280,22 @@ impl<'a> CameraVerdicts<'a> {
         }))
     }
 
+    /// Keeps that a person said of two inputs that both show one place.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn confirm(&self, [a, b]: [usize; 2]) -> Result<()> {
+        self.kept.confirm(&VerdictKey::of_cameras([&self.maps[a], &self.maps[b]], self.params))
+    }
+
+    /// Whether a person said so.
+    ///
+    /// # Errors
+    /// When that cannot be read.
+    pub fn is_confirmed(&self, [a, b]: [usize; 2]) -> Result<bool> {
+        self.kept.is_confirmed(&VerdictKey::of_cameras([&self.maps[a], &self.maps[b]], self.params))
+    }
+
     /// Keeps what two inputs made of each other.
     ///
     /// # Errors
@@ -304,6 +346,22 @@ impl<'a> LidarVerdicts<'a> {
         let pair =
             |[a, b]: [usize; 2]| VerdictKey::of_lidars([&self.maps[a], &self.maps[b]], self.params).object();
         crate::merging::pairs(self.maps.len()).map(pair).collect()
+    }
+
+    /// Keeps that a person said of two inputs, which stand in `order`, that both show one place.
+    ///
+    /// # Errors
+    /// When it cannot be written.
+    pub fn confirm(&self, order: [usize; 2]) -> Result<()> {
+        self.kept.confirm(&VerdictKey::of_lidars(order.map(|map| &self.maps[map]), self.params))
+    }
+
+    /// Whether a person said so.
+    ///
+    /// # Errors
+    /// When that cannot be read.
+    pub fn is_confirmed(&self, order: [usize; 2]) -> Result<bool> {
+        self.kept.is_confirmed(&VerdictKey::of_lidars(order.map(|map| &self.maps[map]), self.params))
     }
 
     /// What is known of two inputs, which stand in `order`.

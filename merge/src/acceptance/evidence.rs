@@ -88,20 +88,25 @@ pub struct PlaceEvidence {
     pub changed: f64,
     /// How many things were compared.
     pub things: f64,
+    /// Share, 0–1, that is expected to differ in one place after the days between the maps.
+    pub expected_change: f64,
     /// What of `ln_ratio` would be missing without wear, the surface that is nowhere else: above 0 it speaks for one place.
     pub own: f64,
+    /// Probability that bare surface there has a grain of its own all over, which two places do not share.
+    pub grain: f64,
 }
 
 impl PlaceEvidence {
-    /// Of pieces weighed by a prior.
-    pub fn new(weighed: &Weighed, prior: &Prior) -> Self {
+    /// Of pieces weighed by a prior, on surface that has a grain of its own with a probability of `grain`.
+    pub fn new(weighed: &Weighed, prior: &Prior, grain: f64) -> Self {
         let Weighed { answer, ln_ratio, changed, .. } = *weighed;
         let pieces = weighed.pieces.iter().map(|(piece, _)| *piece);
         let things = pieces.clone().map(|piece| piece.things).sum();
         let others = pieces.filter(|piece| piece.kind != PieceKind::Wear).collect::<Vec<_>>();
         let own = ln_ratio - verdict::ln_ratio(&others, prior);
         let (probability, needed) = (prior.probability(ln_ratio), prior.certainty);
-        Self { answer, ln_ratio, probability, needed, changed, things, own }
+        let expected_change = prior.changed();
+        Self { answer, ln_ratio, probability, needed, changed, things, expected_change, own, grain }
     }
 }
 

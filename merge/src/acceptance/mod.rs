@@ -7,7 +7,7 @@
 //!
 //! | line | what it catches | failing it |
 //! |---|---|---|
-//! | what both saw of each piece of surface ([`place_verdict`](crate::place_verdict)) | places that share things | refused; undecided where it does not tell and much differs or what is nowhere else speaks against |
+//! | what both saw of each piece of surface ([`place_verdict`](crate::place_verdict)) | places that share things | refused; undecided where it does not tell and much differs, what is nowhere else speaks against, or anything does without a known grain |
 //! | at least two keyframe pairs, each well known, agree on the motion | one view that looks alike by chance | undecided |
 //! | matches γ over the agreeing pairs, at need with the further ones that agree | images that share a thing or two | undecided |
 //! | pixels that agree after direct alignment, both ways, all agreeing pairs | places of the same shape with other texture, and the reverse | refused |
@@ -91,9 +91,18 @@ pub struct Verdict {
     pub lines: Vec<Line>,
     /// What follows.
     pub decision: Decision,
+    /// Whether a person said that both maps show one place.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_confirmed: bool,
 }
 
 impl Verdict {
+    /// The verdict once a person says that both maps show one place: what they see alike, otherwise or not at all decides nothing any more.
+    /// That the closure is right must still be shown.
+    pub fn confirmed(&self, params: &AcceptanceParams) -> Self {
+        judge_as(self.evidence, params, true)
+    }
+
     /// Whether the closure is believed.
     pub fn accepts(&self) -> bool {
         self.decision == Decision::Accepted
@@ -118,7 +127,11 @@ impl Verdict {
 
 /// Judges by the closure alone, and by the rest of both maps where the evidence has it.
 pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
-    let mut test = Test { lines: Vec::new(), against: None, open: None };
+    judge_as(evidence, params, false)
+}
+
+fn judge_as(evidence: Evidence, params: &AcceptanceParams, is_confirmed: bool) -> Verdict {
+    let mut test = Test { lines: Vec::new(), against: None, open: None, is_confirmed };
     if let Some(place) = &evidence.place {
         test.place(place, params);
     }
@@ -138,7 +151,7 @@ pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
         (None, Some(doubt)) => Decision::Undecided(doubt),
         (None, None) => Decision::Accepted,
     };
-    Verdict { evidence, lines: test.lines, decision }
+    Verdict { evidence, lines: test.lines, decision, is_confirmed }
 }
 
 /// The lines so far, and the first doubts.
@@ -146,12 +159,15 @@ struct Test {
     lines: Vec<Line>,
     against: Option<Doubt>,
     open: Option<Doubt>,
+    /// Whether it is known that the maps show one place.
+    is_confirmed: bool,
 }
 
 impl Test {
     /// What both maps saw of the surface. Where that does not tell, [`Self::leave_open`] says so after all else.
     fn place(&mut self, place: &PlaceEvidence, params: &AcceptanceParams) {
         let (says, limit) = match place.answer {
+            _ if self.is_confirmed => (Says::For, 1.0 - place.needed),
             _ if is_undecided(place, params) => (Says::Open, place.needed),
             Answer::Different => (Says::Against, 1.0 - place.needed),
             Answer::CannotTell => (Says::For, 1.0 - place.needed),
@@ -166,7 +182,7 @@ impl Test {
 
     /// Where that does not tell and much differs, said after all else: what another line lacks, more of either map may bring.
     fn leave_open(&mut self, place: &PlaceEvidence, params: &AcceptanceParams) {
-        if is_undecided(place, params) {
+        if is_undecided(place, params) && !self.is_confirmed {
             let doubt = Doubt::CannotTell { percent: 100.0 * place.changed, ln_ratio: place.ln_ratio };
             self.open.get_or_insert(doubt);
         }
@@ -231,24 +247,25 @@ impl Test {
         self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
         let (share, limit) = (beyond.missing_share, params.max_missing_share);
         self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
+        let otherwise = if self.is_confirmed { Says::For } else { Says::Open };
         let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
         let (views, limit) = (beyond.absent_views, params.max_absent_share);
         let share = enough(views, beyond.absent_share);
         let doubt = Doubt::Absent { views, share, limit };
-        self.most("patches seen through", [share, limit], Says::Open, doubt);
+        self.most("patches seen through", [share, limit], otherwise, doubt);
         let (views, limit) = (beyond.unlike_views, params.max_unlike_share);
         let share = enough(views, beyond.unlike_share);
         let doubt = Doubt::OtherLook { views, share, limit };
-        self.most("patches that look otherwise", [share, limit], Says::Open, doubt);
+        self.most("patches that look otherwise", [share, limit], otherwise, doubt);
         let (absent, unlike) = (beyond.absent_share, beyond.unlike_share);
         let sum = absent / params.max_absent_share + unlike / params.max_unlike_share;
         let sum = enough(beyond.absent_views + beyond.unlike_views, sum);
         let doubt = Doubt::AbsentAndOtherLook { absent, unlike, sum };
-        self.most("patches of both sorts", [sum, 1.0], Says::Open, doubt);
+        self.most("patches of both sorts", [sum, 1.0], otherwise, doubt);
         let (absent, unlike, limit) = (beyond.absent_views, beyond.unlike_views, params.max_differing_share);
         let share = enough(absent + unlike, beyond.differing_share());
         let doubt = Doubt::InManyViews { views: beyond.views, absent, unlike, share, limit };
-        self.most("views that differ", [share, limit], Says::Open, doubt);
+        self.most("views that differ", [share, limit], otherwise, doubt);
         let doubt = Doubt::Rival { closures, rival };
         self.most("rival", [beyond.rival_share(), params.max_rival_share], Says::Open, doubt);
     }
@@ -285,13 +302,21 @@ impl Test {
     }
 }
 
-/// Whether the surface does not tell one place from two, and so much differs, two places are so much likelier, or what is nowhere else
-/// speaks for two though all else is alike, that other lines may not either.
+/// Whether the surface leaves it open whether the place is one, so that other lines may not tell either. It does where more differs than is
+/// expected and no grain is known, which would be another in a double. Where it does not tell one place from two, it does too if so much
+/// differs, two places are so much likelier, or what is nowhere else speaks for two though all else is alike.
 fn is_undecided(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
     let is_unlikely = place.probability.is_nan() || place.probability < params.min_undecided_probability;
     let is_worn_otherwise = place.own.is_nan() || place.own < 0.0;
-    place.answer == Answer::CannotTell
-        && (place.changed >= params.min_undecided_change || is_unlikely || is_worn_otherwise)
+    let is_known_grain = place.grain >= place.needed;
+    let is_unexplained = place.changed > place.expected_change && !is_known_grain;
+    match place.answer {
+        Answer::Different => false,
+        Answer::Same | Answer::SameChanged => is_unexplained,
+        Answer::CannotTell => {
+            is_unexplained || is_unlikely || is_worn_otherwise || place.changed >= params.min_undecided_change
+        }
+    }
 }
 
 /// A value and its limit as they are compared.

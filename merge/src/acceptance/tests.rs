@@ -42,7 +42,9 @@ const PLACE: PlaceEvidence = PlaceEvidence {
     needed: 0.99,
     changed: 0.0,
     things: 40.0,
+    expected_change: 0.001,
     own: 1.0,
+    grain: 0.99,
 };
 
 fn verdict(evidence: Evidence) -> Verdict {
@@ -230,6 +232,51 @@ fn surface_that_is_nowhere_else_may_not_speak_against_a_closure() {
     for own in [-0.1, -2.0, f64::NAN] {
         let open = of(own);
         assert!(!open.accepts() && !open.is_double() && open.doubt().unwrap().is_similar_place());
+    }
+}
+
+/// Without grain a place of which something was moved and a double that shares the rest look the same.
+#[test]
+fn what_differs_without_grain_may_be_another_place() {
+    let of = |changed: f64, expected_change: f64, grain: f64| {
+        let place = PlaceEvidence { expected_change, grain, ..undecided(changed).place.unwrap() };
+        verdict(Evidence { place: Some(place), ..undecided(changed) })
+    };
+    assert!(of(0.02, 0.001, 0.99).accepts(), "grain would be another there");
+    assert!(of(0.0, 0.001, 0.0).accepts(), "nothing differs");
+    assert!(of(0.02, 0.1, 0.0).accepts(), "as much is expected after days");
+    for (changed, grain) in [(0.02, 0.98), (0.002, 0.0), (0.02, f64::NAN)] {
+        let open = of(changed, 0.001, grain);
+        assert!(!open.accepts() && !open.is_double() && open.doubt().unwrap().is_similar_place());
+    }
+    // What looks like wear may be print, whatever it says.
+    let answered = |grain: f64| {
+        let place = PlaceEvidence { answer: Answer::SameChanged, grain, changed: 0.02, ..PLACE };
+        verdict(Evidence { place: Some(place), ..ENOUGH })
+    };
+    assert!(answered(0.99).accepts() && !answered(0.8).accepts());
+}
+
+/// A person knows the place, and not the pose.
+#[test]
+fn who_confirms_a_place_settles_what_differs_and_nothing_else() {
+    let confirmed = |evidence| verdict(evidence).confirmed(&AcceptanceParams::default());
+    for evidence in [
+        undecided(0.3),
+        of_place(Answer::Different, -9.0),
+        beyond(Beyond { absent_share: 0.5, unlike_share: 0.5, absent_views: 8, unlike_views: 8, ..BEYOND }),
+    ] {
+        assert!(
+            !verdict(evidence).accepts() && confirmed(evidence).accepts() && confirmed(evidence).is_confirmed
+        );
+    }
+    for evidence in [
+        Evidence { inlier_share: 0.4, ..undecided(0.3) },
+        Evidence { rival_place: Some(0.8), ..undecided(0.3) },
+        Evidence { beyond: Some(Beyond { rival: 3, ..BEYOND }), ..undecided(0.3) },
+        Evidence { scale_deviation: 0.5, ..undecided(0.3) },
+    ] {
+        assert!(!confirmed(evidence).accepts(), "{evidence:?}");
     }
 }
 

@@ -81,9 +81,10 @@ pub fn place_verdict(
         .map(|edge| spots(source, target, edge, &sides, &agreements, params).unwrap_or_default())
         .collect();
     let wear = [sides.of_source.wear(params), sides.of_target.wear(params)].concat();
-    let prior = Worn::new(&wear, agreements.of(Layer::Grain).unrelated).prior(&params.prior);
+    let worn = Worn::new(&wear, agreements.of(Layer::Grain).unrelated);
+    let prior = worn.prior(&params.prior);
     let weighed = weigh(&pieces(&spots.concat(), &noise, params), &prior);
-    PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &prior), weighed }
+    PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &prior, worn.grain()), weighed }
 }
 
 /// What both maps show of their own surface.

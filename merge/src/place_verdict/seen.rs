@@ -4,6 +4,7 @@
 use super::agreement::{Agreement, Agreements};
 use super::areas::{Noise, Spot, pieces};
 use super::own::{Looked, Own, spot};
+use super::worn::Worn;
 use super::{PlaceParams, PlaceVerdict, weigh};
 use crate::acceptance::PlaceEvidence;
 use crate::overlap::share_seen;
@@ -57,7 +58,8 @@ pub fn frames_verdict(map: &PreparedMap, frames: &[SeenFrame], params: &PlacePar
     let spots: Vec<Option<Vec<Spot>>> = pairs.par_iter().enumerate().map(spots).collect();
     let spots: Vec<Spot> = spots.into_iter().flatten().flatten().collect();
     let weighed = weigh(&pieces(&spots, &noise, params), &params.prior);
-    PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &params.prior), weighed }
+    let worn = Worn::new(&own.wear(params), agreements.of(Layer::Grain).unrelated);
+    PlaceVerdict { evidence: PlaceEvidence::new(&weighed, &params.prior, worn.grain()), weighed }
 }
 
 /// The keyframes that see most of what a frame shows.

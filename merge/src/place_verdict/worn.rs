@@ -26,10 +26,14 @@ impl Worn {
         Self { known: all - (2 * below).min(all), all }
     }
 
+    /// Probability that bare surface has a grain all over.
+    pub fn grain(&self) -> f64 {
+        1.0 / (1.0 + SPARSE / (1.0 - SPARSE) * (-self.ln_ratio()).exp())
+    }
+
     /// What is believed, with the probability that wear is made in numbers after this was seen.
     pub fn prior(&self, prior: &Prior) -> Prior {
-        let all_over = 1.0 / (1.0 + SPARSE / (1.0 - SPARSE) * (-self.ln_ratio()).exp());
-        Prior { printed: 1.0 - all_over * (1.0 - prior.printed), ..prior.clone() }
+        Prior { printed: 1.0 - self.grain() * (1.0 - prior.printed), ..prior.clone() }
     }
 
     /// `ln p(so many known | grain) − ln p(so many known | here and there)`. The share that is known is distributed as `Beta(4, 1)` where there

@@ -82,6 +82,9 @@ pub struct Verdict {
     pub best: Option<MergeEvidence>,
     /// Other poses that were followed.
     pub rivals: Vec<MergeEvidence>,
+    /// Whether a person said that both maps show one place.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub is_confirmed: bool,
 }
 
 /// What a pose must show beside the likelihood.
@@ -279,6 +282,7 @@ pub(super) fn decide(
             line: none,
             best: None,
             rivals: found,
+            is_confirmed: false,
         };
     }
     let mut best = found.remove(chosen);
@@ -286,7 +290,8 @@ pub(super) fn decide(
         let why = failed(&best, prior, false);
         let none = Line { test: Test::Pieces, value: 0.0, bound: bounds::PIECES as f64 };
         let (line, answer) = why.unwrap_or((none, Answer::CannotTell));
-        return Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found };
+        let decision = answer.into();
+        return Verdict { answer, decision, line, best: Some(best), rivals: found, is_confirmed: false };
     }
     // Of two poses the right one explains what both maps saw: one that is refused stands beside the best unless that is likelier by
     // as much as an answer takes.
@@ -304,10 +309,34 @@ pub(super) fn decide(
         failed(&best, prior, true)
     };
     let (line, answer) = why.unwrap_or_else(|| (rivals, best.weighed.answer.of_joined(best.weighed.changed)));
-    Verdict { answer, decision: answer.into(), line, best: Some(best), rivals: found }
+    let decision = answer.into();
+    Verdict { answer, decision, line, best: Some(best), rivals: found, is_confirmed: false }
 }
 
 impl Verdict {
+    /// The verdict once a person says that both maps show one place: what is there in one of them only, or as often as things are built
+    /// alike, decides nothing any more. That the pose is the right one must still be shown.
+    pub fn confirmed(&self, a: &RobotMap, b: &RobotMap, prior: &Prior) -> Self {
+        let Some(mut best) = self.best.clone().filter(|_| self.decision != Decision::Accepted) else {
+            return self.clone();
+        };
+        confirm(a, b, &mut best);
+        let is_of_the_place =
+            |line: &Line| matches!(line.test, Test::Likelihood | Test::Absent | Test::Shared | Test::Shifts);
+        let fails = |e: &MergeEvidence, is_confirmed: bool| {
+            let mut tests = tests(e, prior, is_confirmed).into_iter();
+            tests.find(|(line, holds, _)| !holds && !is_of_the_place(line))
+        };
+        let rivals = self.rivals.iter().filter(|e| fails(e, false).is_none()).count() as f64;
+        let rivals =
+            (Line { test: Test::Rivals, value: rivals, bound: 0.0 }, rivals == 0.0, Answer::CannotTell);
+        let why = fails(&best, true).or_else(|| (!rivals.1).then_some(rivals));
+        let joined = Answer::CannotTell.of_joined(best.weighed.changed);
+        let (line, answer) = why.map_or((rivals.0, joined), |(line, _, answer)| (line, answer));
+        let (decision, rivals) = (answer.into(), self.rivals.clone());
+        Self { answer, decision, line, best: Some(best), rivals, is_confirmed: true }
+    }
+
     /// The same of the maps in the other order.
     pub fn swapped(self) -> Self {
         let swapped = |e: MergeEvidence| e.swapped();

@@ -55,6 +55,8 @@ pub struct PairRecord {
     pub decision: &'static str,
     /// What is said of them; the first two of the four answers join.
     pub answer: Answer,
+    /// Whether they are joined because a person said that both show one place.
+    pub confirmed: bool,
     /// The line that decided.
     pub reason: String,
     /// The pose that was judged, with its evidence.
@@ -162,6 +164,7 @@ impl PairRecord {
         Self {
             decision: decision(pair),
             answer: pair.answer(),
+            confirmed: pair.is_confirmed(),
             reason: pair.reason(),
             best: pair.verdict.best.as_ref().map(evidence),
             rivals: pair.verdict.rivals.iter().map(evidence).collect(),

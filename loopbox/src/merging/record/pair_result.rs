@@ -23,6 +23,8 @@ pub struct PairRecord {
     /// `same`, `same-changed`, `cannot-tell` or `different`: whether both show one place. Only the first two are said of maps that are
     /// joined. Nothing where they have nothing in common that could be asked.
     pub answer: Option<Answer>,
+    /// Whether they are joined because a person said that both show one place.
+    pub confirmed: bool,
     /// What both saw of the surface at the place that decided.
     pub place: Option<PlaceEvidence>,
     /// The pieces of that surface that say most, for and against, each with the part of `place.ln_ratio` that it adds.
@@ -82,6 +84,7 @@ impl PairRecord {
             source: inputs[pair_result.source].name.clone(),
             verdict: pair_result.verdict(),
             answer: pair_result.answer(),
+            confirmed: pair_result.is_confirmed(),
             place: pair_result.decisive().and_then(|evaluated| evaluated.verdict.evidence.place),
             pieces: pieces(pair_result),
             accepted: pair_result.verdict() == "accepted",

@@ -1,0 +1,115 @@
+//! Pairs of maps of which a person says that both show one place.
+
+use super::{Input, MergingParams, PairResult};
+use crate::verdicts::CameraVerdicts;
+use anyhow::{Context, Result, bail};
+use merge::acceptance::AcceptanceParams;
+use merge::verification::{Outcome, TestedPlace};
+use std::sync::Arc;
+
+/// The two inputs that `text` names as `A+B`; names may hold a `+` themselves.
+///
+/// # Errors
+/// When it names no two of the inputs, or one twice.
+pub(crate) fn named_pair(text: &str, names: &[&str]) -> Result<[usize; 2]> {
+    let place = |name: &str| names.iter().position(|other| *other == name);
+    let split = |(at, _)| Some([place(&text[..at])?, place(&text[at + 1..])?]);
+    let found = text.match_indices('+').find_map(split);
+    let [a, b] = found.with_context(|| {
+        format!(
+            "--confirm {text}: names no two of the maps\nhint: they are called {}; write --confirm A+B",
+            names.join(", ")
+        )
+    })?;
+    if a == b {
+        bail!("--confirm {text}: names one map twice");
+    }
+    Ok([a.min(b), a.max(b)])
+}
+
+/// Confirms the pairs that `confirm` names as `A+B`, and those that were confirmed before where `verdicts` keep that.
+///
+/// # Errors
+/// When one names no two inputs, there is no closure to join a pair at, or a confirmation cannot be read or kept.
+pub(crate) fn confirm_pairs(
+    pair_results: &mut [PairResult],
+    inputs: &[Input],
+    confirm: &[String],
+    params: &MergingParams,
+    verdicts: Option<&CameraVerdicts>,
+) -> Result<()> {
+    let names: Vec<&str> = inputs.iter().map(|input| &*input.name).collect();
+    let asked = confirm.iter().map(|text| named_pair(text, &names)).collect::<Result<Vec<_>>>()?;
+    if !asked.is_empty() && params.method.baseline().is_some() {
+        bail!("--confirm joins maps by --method direct, the default");
+    }
+    for pair_result in pair_results.iter_mut().filter(|pair_result| pair_result.accepted().is_none()) {
+        let pair @ [a, b] = pair_result.as_given();
+        let confirmed = pair_result.confirmed(&params.verification.acceptance);
+        if asked.contains(&pair) {
+            *pair_result = confirmed
+                .with_context(|| format!("--confirm {}+{}: they cannot be joined", names[a], names[b]))?;
+            verdicts.map_or(Ok(()), |verdicts| verdicts.confirm(pair))?;
+        } else if let (Ok(confirmed), Some(verdicts)) = (confirmed, verdicts)
+            && verdicts.is_confirmed(pair)?
+        {
+            *pair_result = confirmed;
+        }
+    }
+    Ok(())
+}
+
+impl PairResult {
+    /// What is said of the two once a person says that both show one place: they are joined at the closure that came closest, if that
+    /// passes every test of its pose. A pair that was accepted stays as it is.
+    ///
+    /// # Errors
+    /// When there is no such closure.
+    pub(crate) fn confirmed(&self, params: &AcceptanceParams) -> Result<Self> {
+        if self.accepted().is_some() {
+            return Ok(self.clone());
+        }
+        let why = || self.refusal().unwrap_or_default();
+        let confirmed = |tested: &TestedPlace| -> Option<TestedPlace> {
+            let mut evaluated = tested.outcome.evaluated()?.clone();
+            evaluated.joined.as_ref()?;
+            evaluated.verdict = evaluated.verdict.confirmed(params);
+            evaluated
+                .verdict
+                .accepts()
+                .then(|| TestedPlace { outcome: Outcome::Evaluated(Box::new(evaluated)), ..tested.clone() })
+        };
+        let found = self.tested.iter().enumerate().filter_map(|(i, tested)| Some((i, confirmed(tested)?)));
+        // Of equals the first.
+        let best =
+            found.reduce(|best, next| if next.1.match_count > best.1.match_count { next } else { best });
+        let Some((index, best)) = best else {
+            bail!("no pose between the maps passes the tests that are no matter of the place: {}", why())
+        };
+        let joined = best.outcome.evaluated().and_then(|evaluated| evaluated.joined.clone());
+        let mut tested = self.tested.to_vec();
+        tested[index] = best;
+        Ok(Self { tested: tested.into(), joined: joined.map(Arc::new), ..self.clone() })
+    }
+
+    /// Whether they are joined because a person said that both show one place.
+    pub fn is_confirmed(&self) -> bool {
+        self.accepted().is_some_and(|evaluated| evaluated.verdict.is_confirmed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pairs_are_called_by_both_names() {
+        let names = ["a", "b", "a+b"];
+        assert_eq!(named_pair("b+a", &names).unwrap(), [0, 1]);
+        assert_eq!(named_pair("a+b+b", &names).unwrap(), [1, 2]);
+        for (text, why) in [("a", "no two"), ("a+c", "called a, b, a+b"), ("a+a", "twice")] {
+            let error = named_pair(text, &names).unwrap_err().to_string();
+            assert!(error.contains(why), "{error}");
+        }
+    }
+}
