@@ -197,6 +197,37 @@ fn of_refused_poses_the_undecided_one_is_reported() {
     assert_eq!(reported.to_tum(), pose(2).to_tum());
 }
 
+/// A person knows the place, and not the pose.
+#[test]
+fn who_confirms_a_place_settles_what_differs_and_nothing_else() {
+    let of = |change: fn(&mut MergeEvidence), others: Vec<MergeEvidence>| {
+        let mut evidence = standing(pose(1));
+        change(&mut evidence);
+        let verdict = decided([vec![evidence], others].concat());
+        assert_ne!(verdict.decision, Decision::Accepted);
+        let confirmed = verdict.confirmed_where(&Prior::default(), |_| ());
+        (confirmed.decision, confirmed.line.test)
+    };
+    let other = |e: &mut MergeEvidence| e.weighed = weighed(Answer::Different, -20.0);
+    assert_eq!(of(other, Vec::new()).0, Decision::Accepted);
+    let shifted =
+        |e: &mut MergeEvidence| e.shifts = [(30, 400), (3, 500)].map(|(shifted, of)| Counted { shifted, of });
+    assert_eq!(of(shifted, Vec::new()).0, Decision::Accepted);
+    assert_eq!(of(|e| e.overlap = 0.2, Vec::new()), (Decision::Refused, Test::Overlap));
+    assert_eq!(of(|e| e.pieces = 1, Vec::new()), (Decision::Undecided, Test::Pieces));
+    assert_eq!(of(|e| e.conditioning.weak = 1, Vec::new()), (Decision::Undecided, Test::Conditioning));
+    let mut elsewhere = standing(pose(2));
+    elsewhere.weighed = weighed(Answer::Different, -30.0);
+    assert_eq!(of(other, vec![elsewhere.clone()]), (Decision::Undecided, Test::Rivals));
+    // Unless what both saw says which it is.
+    let agrees =
+        Piece { kind: PieceKind::Shape, share: 0.1, things: 9.0, occurrences: 1.0, ln_agreement: 9.0 };
+    elsewhere.things.pieces = vec![agrees];
+    let verdict = decided(vec![standing(pose(1)), standing(pose(3)), elsewhere]);
+    let best = verdict.confirmed_where(&Prior::default(), |_| ()).best.expect("a pose");
+    assert_eq!(best.a_from_b.to_tum(), pose(2).to_tum());
+}
+
 /// Shelves of one plan whose tins all stand otherwise, none of them larger than what maps err by; and of one of the two seen again.
 #[test]
 fn a_shop_aisle_is_not_joined_with_one_of_other_goods() {
@@ -216,6 +247,14 @@ fn a_shop_aisle_is_not_joined_with_one_of_other_goods() {
     let (own, again, other) = (aisle(60, 0.0), aisle(60, 100.0), aisle(61, 200.0));
     let verdict = merge(&own, &other);
     assert_eq!((verdict.answer, verdict.line.test), (Answer::CannotTell, Test::Shifts), "{}", verdict.line);
+    let confirmed = verdict.confirmed(&own, &other, &Prior::default());
+    // Of shelves whose tins are all others, another pose fits as well.
+    assert_eq!(
+        (confirmed.answer, confirmed.line.test),
+        (Answer::CannotTell, Test::Rivals),
+        "{}",
+        confirmed.line
+    );
     let turned = merge(&other, &own);
     assert_eq!((verdict.answer, verdict.line), (turned.answer, turned.line));
     let right = merge(&own, &again);

@@ -317,24 +317,42 @@ impl Verdict {
     /// The verdict once a person says that both maps show one place: what is there in one of them only, or as often as things are built
     /// alike, decides nothing any more. That the pose is the right one must still be shown.
     pub fn confirmed(&self, a: &RobotMap, b: &RobotMap, prior: &Prior) -> Self {
-        let Some(mut best) = self.best.clone().filter(|_| self.decision != Decision::Accepted) else {
+        self.confirmed_where(prior, |best| confirm(a, b, best))
+    }
+
+    /// The same where `confirm` asks pieces to come back to the pose.
+    pub(super) fn confirmed_where(&self, prior: &Prior, confirm: impl Fn(&mut MergeEvidence)) -> Self {
+        if self.decision == Decision::Accepted {
             return self.clone();
-        };
-        confirm(a, b, &mut best);
+        }
         let is_of_the_place =
-            |line: &Line| matches!(line.test, Test::Likelihood | Test::Absent | Test::Shared | Test::Shifts);
-        let fails = |e: &MergeEvidence, is_confirmed: bool| {
+            |test: Test| matches!(test, Test::Likelihood | Test::Absent | Test::Shared | Test::Shifts);
+        let failed = |e: &MergeEvidence, is_confirmed: bool| {
             let mut tests = tests(e, prior, is_confirmed).into_iter();
-            tests.find(|(line, holds, _)| !holds && !is_of_the_place(line))
+            let (line, _, answer) = tests.find(|(line, holds, _)| !holds && !is_of_the_place(line.test))?;
+            Some((line, answer))
         };
-        let rivals = self.rivals.iter().filter(|e| fails(e, false).is_none()).count() as f64;
-        let rivals =
-            (Line { test: Test::Rivals, value: rivals, bound: 0.0 }, rivals == 0.0, Answer::CannotTell);
-        let why = fails(&best, true).or_else(|| (!rivals.1).then_some(rivals));
+        // What both saw no longer tells places apart, and still poses.
+        let explains = |e: &MergeEvidence| explained(&e.things.pieces, prior);
+        let mut poses: Vec<MergeEvidence> = self.best.iter().chain(&self.rivals).cloned().collect();
+        let passes = (0..poses.len()).filter(|&i| failed(&poses[i], false).is_none());
+        let likelier =
+            |&i: &usize, &j: &usize| explains(&poses[i]).total_cmp(&explains(&poses[j])).then(j.cmp(&i));
+        let chosen = passes.max_by(likelier).unwrap_or(0);
+        if chosen >= poses.len() {
+            return self.clone();
+        }
+        let mut best = poses.remove(chosen);
+        confirm(&mut best);
+        let least = explains(&best) - prior.ln_certainty();
+        let is_rival = |e: &&MergeEvidence| failed(e, false).is_none() && explains(e) >= least;
+        let count = poses.iter().filter(is_rival).count() as f64;
+        let rivals = Line { test: Test::Rivals, value: count, bound: 0.0 };
+        let is_open = (count > 0.0).then_some((rivals, Answer::CannotTell));
         let joined = Answer::CannotTell.of_joined(best.weighed.changed);
-        let (line, answer) = why.map_or((rivals.0, joined), |(line, _, answer)| (line, answer));
-        let (decision, rivals) = (answer.into(), self.rivals.clone());
-        Self { answer, decision, line, best: Some(best), rivals, is_confirmed: true }
+        let (line, answer) = failed(&best, true).or(is_open).unwrap_or((rivals, joined));
+        let decision = answer.into();
+        Self { answer, decision, line, best: Some(best), rivals: poses, is_confirmed: true }
     }
 
     /// The same of the maps in the other order.
