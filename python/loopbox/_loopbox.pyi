@@ -59,6 +59,11 @@ class Frame:
     def reason(self) -> str | None:
         """Why it was not tracked."""
 
+    @property
+    def scale_break(self) -> dict[str, int] | None:
+        """Where the scale was not carried on, some keyframes ago: the keyframe `before`, how many `points` measure the scale across it, and
+        the `inliers` among them. What is mapped since then has a unit of its own; each place is said once."""
+
 @final
 class Map:
     """A map of one agent or several; it does not change."""

@@ -11,7 +11,7 @@ use place_recog::ThumbnailIndex;
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use slam_direct::{FrameReport, LazyColor, Params, TrackingState};
+use slam_direct::{FrameReport, LazyColor, Params, ScaleBreak, TrackingState};
 use sources::correction::{CameraOptions, ImageCorrection, correction};
 use sources::{FoundCalibration, SourceInfo};
 use std::fmt::Write as _;
@@ -46,6 +46,7 @@ pub struct Frame {
     matched_points: usize,
     #[pyo3(get)]
     reason: Option<&'static str>,
+    scale_break: Option<ScaleBreak>,
 }
 
 #[pymethods]
@@ -86,6 +87,7 @@ impl Agent {
             keyframe: report.new_keyframe.map(|id| id.0),
             matched_points: report.matched_points,
             reason: report.reason,
+            scale_break: report.scale_break,
         })
     }
 
@@ -151,6 +153,20 @@ impl Frame {
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         self.covariance.clone().map(|covariance| table(py, covariance, 6)).transpose()
+    }
+
+    /// Where the scale was not carried on, some keyframes ago: the keyframe `before`, how many `points` measure the scale across it, and
+    /// the `inliers` among them. What is mapped since then has a unit of its own; each place is said once.
+    #[getter]
+    fn scale_break<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
+        let fields = |found: ScaleBreak| {
+            let fields = PyDict::new(py);
+            fields.set_item("before", found.before.0)?;
+            fields.set_item("points", found.points)?;
+            fields.set_item("inliers", found.inliers)?;
+            Ok(fields)
+        };
+        self.scale_break.map(fields).transpose()
     }
 
     fn __repr__(&self) -> String {

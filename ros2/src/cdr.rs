@@ -73,6 +73,23 @@ mod tests {
     const NUMBERS: [f64; 7] = [1.0, 2.0, 3.0, 0.5, -0.5, 0.5, -0.5];
 
     #[test]
+    fn diagnostics_are_a_list_of_levels_texts_and_values() {
+        let values = vec![KeyValue { key: "times lost".into(), value: "2".into() }];
+        let status = DiagnosticStatus {
+            level: Level::Error,
+            name: "tracking".into(),
+            message: "lost".into(),
+            hardware_id: "yard".into(),
+            values,
+        };
+        let message = DiagnosticArray { header: header(), status: vec![status] };
+        let expected = Expected::default().header().u32(1).bytes(&[2]);
+        let expected = expected.text("tracking").text("lost").text("yard");
+        let expected = expected.u32(1).text("times lost").text("2");
+        assert_eq!(encode(&message).unwrap()[4..], expected.0);
+    }
+
+    #[test]
     fn transforms_are_a_list_of_frames_and_numbers() {
         let child = |name: &str| TransformStamped {
             header: header(),

@@ -24,6 +24,9 @@ pub const POINTS_TOPIC: &str = "points";
 /// Of an agent that runs: an even sample of the points of all of its map, as it is known now.
 pub const MAP_POINTS_TOPIC: &str = "map_points";
 
+/// The topic on which programs say how they are, `diagnostic_msgs/msg/DiagnosticArray`.
+pub const DIAGNOSTICS_TOPIC: &str = "/diagnostics";
+
 /// The topic of transforms that hold until others are said, `tf2_msgs/msg/TFMessage`.
 pub const TF_STATIC_TOPIC: &str = "/tf_static";
 /// Of an agent: its newest pose in the common map.

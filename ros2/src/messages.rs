@@ -192,6 +192,56 @@ pub struct PointCloud2 {
     pub is_dense: bool,
 }
 
+/// How well something is, as `diagnostic_msgs/msg/DiagnosticStatus` counts it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// As it should be.
+    Ok = 0,
+    /// Somebody should know.
+    Warn = 1,
+    /// It does not work.
+    Error = 2,
+}
+
+impl Serialize for Level {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u8(*self as u8)
+    }
+}
+
+/// `diagnostic_msgs/msg/KeyValue`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct KeyValue {
+    /// What is said.
+    pub key: String,
+    /// It.
+    pub value: String,
+}
+
+/// `diagnostic_msgs/msg/DiagnosticStatus`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct DiagnosticStatus {
+    /// How well it is.
+    pub level: Level,
+    /// What it is of: the same for each message of it.
+    pub name: String,
+    /// For people.
+    pub message: String,
+    /// The device or robot.
+    pub hardware_id: String,
+    /// Numbers.
+    pub values: Vec<KeyValue>,
+}
+
+/// `diagnostic_msgs/msg/DiagnosticArray`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DiagnosticArray {
+    /// When; the frame has no meaning.
+    pub header: Header,
+    /// What there is to say.
+    pub status: Vec<DiagnosticStatus>,
+}
+
 /// Bytes at once, not one by one.
 fn as_bytes<S: Serializer>(bytes: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_bytes(bytes)

@@ -97,6 +97,8 @@ pub struct Agent {
     learner: MaskLearner,
     /// Whether the map is of use, as far as its first keyframes have said.
     map_quality: MapQuality,
+    /// The keyframe before the last break of the scale.
+    last_break: Option<KeyframeId>,
     /// The start that the map came of, while more frames may contradict it.
     provisional: Option<Box<Bootstrap>>,
     /// What is done with the map, if it was given to the agent.
@@ -167,6 +169,7 @@ impl Agent {
             before_map: Vec::new(),
             learner: MaskLearner::default(),
             map_quality: MapQuality::Open,
+            last_break: None,
             provisional: None,
             resumed: None,
             common: None,
@@ -523,7 +526,9 @@ impl Agent {
         self.companions = self.companions.split_off(&update.first_open);
         self.closed = update.closed;
         if self.is_own_map() {
-            report.scale_break = newest_scale_break(&self.view, &self.closed, &self.params);
+            let found = newest_scale_break(&self.view, &self.closed, &self.params);
+            report.scale_break =
+                found.filter(|found| found.is_apart_from(self.last_break.replace(found.before)));
         }
         let delta = self.own_delta(update.delta);
         report.settled_keyframes = delta.settled.iter().map(|settled| settled.keyframe).collect();

@@ -11,6 +11,7 @@ use crate::window::{mahalanobis, predict};
 use map::{Edge, KeyframeId, Shared};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
+use serde::Serialize;
 use std::ops::Range;
 
 /// Standard deviation of the logarithm of a length up to which a point tells it.
@@ -34,14 +35,32 @@ const BOTH_ENDS: f64 = 0.5;
 const STEPS: usize = 6;
 
 /// Where the scale of a map is not carried on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct ScaleBreak {
     /// The last keyframe before it.
+    #[serde(skip)]
     pub before: KeyframeId,
-    /// Points that could tell the scale across it, within three deviations of the map's.
-    pub telling: usize,
-    /// Those of them within one deviation: no more than chance gives.
-    pub agreeing: usize,
+    /// Points that measure the scale across it, within three deviations of the map's.
+    pub points: usize,
+    /// Those of them within one deviation, the inliers: no more than chance gives.
+    pub inliers: usize,
+}
+
+impl ScaleBreak {
+    /// How little the points measure, for people.
+    pub fn text(&self) -> String {
+        match self.points {
+            0 => "no point that was seen before measures it".to_owned(),
+            points => {
+                format!("{} of {points} points that measure it agree, no more than by chance", self.inliers)
+            }
+        }
+    }
+
+    /// Whether it is not at or beside the keyframe where the last one was found.
+    pub(crate) fn is_apart_from(&self, last: Option<KeyframeId>) -> bool {
+        last.is_none_or(|last| self.before.0.abs_diff(last.0) > 1)
+    }
 }
 
 /// Keyframes behind a cut after which most of what tells the scale across it was seen.
@@ -63,7 +82,7 @@ pub(crate) fn scale_breaks(map: &LocalMap, closed: &[Edge], params: &Params) -> 
         for (cut, found) in (begin..).zip(found).filter_map(|(cut, found)| Some((cut, found?))) {
             let is_beside = last.replace(cut).is_some_and(|last| last + 1 == cut);
             match breaks.last_mut().filter(|_| is_beside) {
-                Some(beside) if beside.agreeing <= found.agreeing => {}
+                Some(beside) if beside.inliers <= found.inliers => {}
                 Some(beside) => *beside = found,
                 None => breaks.push(found),
             }
@@ -127,18 +146,19 @@ fn break_at(
     let relative = |length: Length| {
         length.log.abs() / AGREES.min(BY_CHANCE * f64::from(params.track.max_shift) / length.flow)
     };
-    let telling: Vec<f64> = lengths.map(relative).filter(|&v| v <= BY_CHANCE.recip()).collect();
-    let agreeing = telling.iter().filter(|&&v| v <= 1.0).count();
-    let is_carried = at_least_by_chance(agreeing, telling.len()) <= SIGNIFICANT;
-    (!is_carried).then_some(ScaleBreak { before: LocalMap::id(cut), telling: telling.len(), agreeing })
+    let measured: Vec<f64> = lengths.map(relative).filter(|&v| v <= BY_CHANCE.recip()).collect();
+    let points = measured.len();
+    let inliers = measured.iter().filter(|&&v| v <= 1.0).count();
+    let is_carried = at_least_by_chance(inliers, points) <= SIGNIFICANT;
+    (!is_carried).then_some(ScaleBreak { before: LocalMap::id(cut), points, inliers })
 }
 
 /// Probability that at least so many of `count` points agree by chance: the tail of a binomial distribution.
-fn at_least_by_chance(agreeing: usize, count: usize) -> f64 {
+fn at_least_by_chance(inliers: usize, count: usize) -> f64 {
     let odds = BY_CHANCE / (1.0 - BY_CHANCE);
     let mut term = (1.0 - BY_CHANCE).powi(count as i32);
     let mut fewer = 0.0;
-    for i in 0..agreeing {
+    for i in 0..inliers {
         fewer += term;
         term *= odds * (count - i) as f64 / (i + 1) as f64;
     }

@@ -38,7 +38,7 @@ fn a_robot_whose_scale_is_not_carried_on_leaves_maps_that_keep_theirs() {
     let record: serde_json::Value = serde_json::from_str(&record).expect("it is JSON");
     assert!(record["frames"]["scale_breaks"].as_u64() >= Some(1), "{}", record["frames"]);
     let fragments = record["fragments"].as_array().expect("fragments");
-    assert!(fragments.iter().any(|one| one["scale_break"]["telling"].is_u64()), "{fragments:?}");
+    assert!(fragments.iter().any(|one| one["scale_break"]["points"].is_u64()), "{fragments:?}");
     let truth = positions(&folder.join("groundtruth.txt"));
     for fragment in fragments {
         let path = case.out().join(fragment["trajectory"].as_str().expect("its file"));

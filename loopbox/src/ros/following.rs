@@ -1,5 +1,6 @@
 //! From the run to the thread that publishes: what is new is left in a slot, and taken when that thread gets to it.
 
+use super::health::Health;
 use crate::run::{MapListener, ProcessedFrame};
 use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
@@ -27,6 +28,8 @@ pub(super) struct Pending {
     pub moved: BTreeMap<KeyframeId, Sim3>,
     /// Keyframes whose depth is new.
     pub depths: BTreeMap<KeyframeId, Depth>,
+    /// How the tracking goes, if a frame came.
+    pub health: Option<Health>,
     /// Which of the run's worlds keyframes are in, from 0.
     pub world: usize,
     /// Nothing comes after this.
@@ -100,11 +103,13 @@ pub struct Follower {
     current: Option<usize>,
     /// The frame before that had a pose, and its world.
     before: Option<(usize, FramePose)>,
+    /// How the tracking goes.
+    health: Health,
 }
 
 impl Follower {
     pub(super) fn new(slot: Arc<Slot>) -> Self {
-        Self { slot, worlds: Vec::new(), current: None, before: None }
+        Self { slot, worlds: Vec::new(), current: None, before: None, health: Health::default() }
     }
 
     /// The number of a world.
@@ -143,10 +148,9 @@ impl MapListener for Follower {
         let is_other = self.current != Some(world) || seen.deltas.iter().any(|delta| delta.sequence == 0);
         let anew = is_other || seen.deltas.iter().any(|delta| !delta.removed.is_empty());
         self.current = Some(world);
-        if tracked.is_none() && seen.deltas.is_empty() && !anew {
-            return;
-        }
+        self.health.add(seen);
         self.slot.update(|pending| {
+            pending.health = Some(self.health.clone());
             if anew {
                 pending.begin(world);
                 seen.map.keyframes.values().for_each(|keyframe| pending.hand_on(keyframe, seen.map));

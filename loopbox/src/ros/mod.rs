@@ -1,11 +1,12 @@
 //! What a run knows, published to ROS 2 while it goes on: poses, points and frames, as the crate `ros2` encodes them.
 //!
 //! `following` is told by the run, which never waits: what is new of the map waits in one place, which is no larger than the
-//! map, and of poses the newest. `publisher` makes messages of it in a thread that gives way to all others.
+//! map, and of poses the newest; `health` is how the tracking goes. `publisher` makes messages of it in a thread that gives way to all others.
 //! `common` is what a station knows of several agents.
 
 mod common;
 mod following;
+mod health;
 mod publisher;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,7 @@
 //! What is published of a run: messages made of what is pending.
 
 use super::following::{Depth, Pending, Tracked};
+use super::health::Health;
 use geometry::{Se3, Sim3};
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Keyframe, KeyframeId, SemiDense, Shared};
 use nalgebra::Vector3;
@@ -9,7 +10,7 @@ use ros2::cloud::cloud;
 use ros2::frames::{Axes, Names, transform};
 use ros2::messages::{TfMessage, Time};
 use ros2::odometry::{Odometer, Place, odometry, rotated};
-use ros2::{MAP_POINTS_TOPIC, ODOMETRY_TOPIC, Outlet, POINTS_TOPIC, TF_TOPIC};
+use ros2::{DIAGNOSTICS_TOPIC, MAP_POINTS_TOPIC, ODOMETRY_TOPIC, Outlet, POINTS_TOPIC, TF_TOPIC};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -24,6 +25,8 @@ const KEPT_POINTS: usize = 1 << 11;
 /// The map's cloud is published this often while it changes, and this often for those who come late.
 const CHANGED_INTERVAL: Duration = Duration::from_secs(2);
 const SAME_INTERVAL: Duration = Duration::from_secs(10);
+/// How the tracking goes is published when it changes, and this often.
+const HEALTH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// What was published.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -49,6 +52,7 @@ pub(super) struct RunPublisher {
     time: f64,
     is_changed: bool,
     map_published: Option<Instant>,
+    health_published: Option<(Instant, Health)>,
     published: Published,
 }
 
@@ -77,6 +81,9 @@ impl RunPublisher {
         self.published.dropped += pending.dropped;
         for tracked in &pending.poses {
             self.publish_pose(&names, tracked, outlet);
+        }
+        if let Some(health) = pending.health.take() {
+            self.publish_health(&names, health, outlet);
         }
         if pending.anew {
             if pending.world != self.world {
@@ -120,6 +127,16 @@ impl RunPublisher {
         publish(outlet, &names.topic(ODOMETRY_TOPIC), &message);
         self.time = tracked.timestamp;
         self.published.poses += 1;
+    }
+
+    /// Publishes how the tracking goes, where it goes otherwise than before, or that was said some time ago.
+    fn publish_health(&mut self, names: &Names, health: Health, outlet: &mut dyn Outlet) {
+        let is_said =
+            |(when, before): &(Instant, Health)| when.elapsed() < HEALTH_INTERVAL && !health.differs(before);
+        if !self.health_published.as_ref().is_some_and(is_said) {
+            publish(outlet, DIAGNOSTICS_TOPIC, &health.diagnostics(&names.agent));
+            self.health_published = Some((Instant::now(), health));
+        }
     }
 
     /// Publishes the points of a keyframe whose depth is new.

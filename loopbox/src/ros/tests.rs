@@ -11,6 +11,7 @@ use map::{
 use merge::common_map::Fused;
 use merge::merge_graph::{Component, Placement};
 use nalgebra::{Matrix6, Vector6};
+use slam_direct::{ScaleBreak, TrackingState};
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -64,6 +65,8 @@ struct Case {
     publisher: RunPublisher,
     kept: Kept,
     sequence: u64,
+    /// Told with the next frame.
+    scale_break: Option<ScaleBreak>,
 }
 
 impl Case {
@@ -80,6 +83,7 @@ impl Case {
             publisher: RunPublisher::default(),
             kept: Kept::default(),
             sequence: 0,
+            scale_break: None,
         }
     }
 
@@ -104,6 +108,9 @@ impl Case {
             timestamp: time,
             world_from_camera,
             covariance: world_from_camera.map(|_| covariance()),
+            state: if pose.is_some() { TrackingState::Tracking } else { TrackingState::Lost },
+            reason: pose.is_none().then_some("the view matches no part of the map"),
+            scale_break: self.scale_break.take(),
             deltas: &deltas,
             map,
         });
@@ -179,6 +186,29 @@ fn every_pose_is_published_once_and_lost_frames_are_not() {
     assert!((position(&last)[1] + 0.3).abs() < 1e-12, "{:?}", position(&last));
     let (found, expected) = (variances(&last), [2.0, 4.0, 1.0, 0.02, 0.04, 0.01]);
     assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+}
+
+#[test]
+fn losses_and_breaks_of_the_scale_are_diagnostics() {
+    let mut case = Case::new();
+    case.look(0.0, step(0.0), added([0]));
+    case.publish();
+    case.look(0.1, step(0.1), MapDelta::default());
+    case.publish();
+    assert_eq!(case.kept.of("/diagnostics").len(), 1, "nothing changed, and no second is over");
+    case.look(0.2, None, MapDelta::default());
+    case.publish();
+    case.scale_break = Some(ScaleBreak { before: KeyframeId(9), points: 11, inliers: 3 });
+    case.look(14.37, step(0.1), MapDelta::default());
+    case.publish();
+    case.look(14.47, None, MapDelta::default());
+    case.publish();
+    let [begun, lost, broken, last] = &case.kept.of("/diagnostics")[..] else { panic!() };
+    assert!(has(begun, "loopbox: the_yard tracking\0") && has(begun, "carried on\0"));
+    assert!(has(lost, "lost: the view matches no part of the map\0"));
+    let why = "not carried on some keyframes before 14.37 s: 3 of 11 points that measure it agree";
+    assert!(has(broken, why) && has(broken, "tracking\0"));
+    assert!(has(last, why), "it stays");
 }
 
 /// A loop moves the keyframe that frames are measured in: the map moves, the odometry does not.

@@ -1,12 +1,11 @@
 //! Why a run could not start, told from its images, and where it lost its way.
 
 use crate::run::Progress;
-use crate::run::fragment_record::ScaleBreakRecord;
 use crate::run::record::{FrameCounts, FrameRow};
 use geometry::GrayImage;
-use map::{Keyframe, KeyframeId, Map};
+use map::{Keyframe, Map};
 use serde::Serialize;
-use slam_direct::{Claim, FrameReport, LossReason, ScaleBreak, TrackingState, has_hardly_any_depth};
+use slam_direct::{Claim, FrameReport, LossReason, TrackingState, has_hardly_any_depth};
 
 /// Every how many pixels one is looked at: cheap, and enough for means.
 const STRIDE: usize = 13;
@@ -75,8 +74,6 @@ pub struct Losses {
     was_tracking: bool,
     /// The fragment that the newest tracked frame is in.
     fragment: usize,
-    /// The keyframe before the last break of the scale.
-    last_break: Option<KeyframeId>,
 }
 
 impl Losses {
@@ -97,10 +94,9 @@ impl Losses {
             let whose = if report.fragment == self.fragment { "" } else { ", in another map" };
             progress.note_of("lost", &format!("tracking goes on since {at}{whose}"));
         }
-        if let Some(found) = report.scale_break.filter(|found| self.is_new_break(found)) {
-            let why = ScaleBreakRecord::from(found).text();
-            progress
-                .warn_of("scale", &format!("the scale was not carried on some keyframes before {at}: {why}"));
+        if let Some(found) = report.scale_break {
+            let text = format!("the scale was not carried on some keyframes before {at}: {}", found.text());
+            progress.warn_of("scale", &text);
         }
         if report.claim == Some(Claim::Refused) {
             let what = "resembles a part of the map and is another place";
@@ -109,12 +105,6 @@ impl Losses {
         if self.was_tracking {
             self.fragment = report.fragment;
         }
-    }
-
-    /// Whether a break of the scale is not beside the one that was found before.
-    fn is_new_break(&mut self, found: &ScaleBreak) -> bool {
-        let before = self.last_break.replace(found.before);
-        before.is_none_or(|before| found.before.0 > before.0 + 1)
     }
 }
 

@@ -28,40 +28,10 @@ pub struct Fragment {
     pub without_depth: Option<WithoutDepth>,
     /// Why it begins where another ends, if that one's scale is not carried on.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub scale_break: Option<ScaleBreakRecord>,
+    pub scale_break: Option<ScaleBreak>,
     /// Where its scale may have changed, though nothing was lost.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub scale_doubts: Vec<ScaleDoubt>,
-}
-
-/// How little tells the scale between a fragment and the one before it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct ScaleBreakRecord {
-    /// Points seen in both that could tell it.
-    pub telling: usize,
-    /// Those of them that agree.
-    pub agreeing: usize,
-}
-
-impl From<ScaleBreak> for ScaleBreakRecord {
-    fn from(found: ScaleBreak) -> Self {
-        Self { telling: found.telling, agreeing: found.agreeing }
-    }
-}
-
-impl ScaleBreakRecord {
-    /// The same for people.
-    pub fn text(&self) -> String {
-        match self.telling {
-            0 => "no point that was seen before tells it".to_owned(),
-            telling => {
-                format!(
-                    "{} of {telling} points that could tell it agree, no more than by chance",
-                    self.agreeing
-                )
-            }
-        }
-    }
 }
 
 impl Fragment {
@@ -77,7 +47,7 @@ impl Fragment {
             last_frame: index(map.frames.last()),
             keyframes: map.keyframes.len() as u64,
             without_depth: without_depth(map),
-            scale_break: first.copied().map(ScaleBreakRecord::from),
+            scale_break: first.copied(),
             scale_doubts: scale_doubts(map),
         }
     }

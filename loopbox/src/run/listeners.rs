@@ -3,6 +3,7 @@
 use geometry::Se3;
 use map::{AgentInfo, Identity, Map, MapDelta};
 use nalgebra::Matrix6;
+use slam_direct::{ScaleBreak, TrackingState};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Follows the map of a run. The run's own thread calls it: whoever listens must not wait for anything,
@@ -35,6 +36,12 @@ pub struct ProcessedFrame<'a> {
     pub world_from_camera: Option<Se3>,
     /// Covariance of that (see [`slam_direct::FrameReport::covariance`]).
     pub covariance: Option<Matrix6<f64>>,
+    /// Whether it was tracked.
+    pub state: TrackingState,
+    /// Why it was not, for people.
+    pub reason: Option<&'static str>,
+    /// Where the scale was not carried on, some keyframes ago.
+    pub scale_break: Option<ScaleBreak>,
     /// What changed in the map since the frame before.
     pub deltas: &'a [MapDelta],
     /// The map as it is after these.

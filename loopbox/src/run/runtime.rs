@@ -269,9 +269,7 @@ impl<'a> Run<'a> {
         let deltas = std::mem::take(&mut report.deltas);
         let map = self.atlas.active().map();
         if let Some(agent) = self.identity_of(self.fragment) {
-            let FrameReport { world_from_camera, covariance, .. } = report;
-            let frame =
-                ProcessedFrame { agent, timestamp, world_from_camera, covariance, deltas: &deltas, map };
+            let frame = processed((agent, timestamp), &report, &deltas, map);
             self.listeners.notify(|listener| listener.processed(&frame));
         }
         watch.after((index, timestamp, row.ms), latency_ms, report, (&deltas, map), dropped);
@@ -322,6 +320,27 @@ impl<'a> Run<'a> {
         let Self { describer, atlas, .. } = self;
         let found = describer.iter().flat_map(Describer::described);
         found.for_each(|found| atlas.describe(found.keyframe, &found.image, &found.features));
+    }
+}
+
+/// What listeners are told of a frame.
+fn processed<'a>(
+    (agent, timestamp): (Identity, f64),
+    report: &FrameReport,
+    deltas: &'a [MapDelta],
+    map: &'a Map,
+) -> ProcessedFrame<'a> {
+    let FrameReport { world_from_camera, covariance, state, reason, scale_break, .. } = *report;
+    ProcessedFrame {
+        agent,
+        timestamp,
+        world_from_camera,
+        covariance,
+        state,
+        reason,
+        scale_break,
+        deltas,
+        map,
     }
 }
 

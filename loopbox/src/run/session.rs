@@ -120,7 +120,7 @@ impl Session<'_> {
                 self.progress.mapped(&record, output.folder());
                 output = self.next_output(&first, output.folder(), watch)?;
             }
-            watch.begin_anew();
+            watch.restart();
         }
     }
 

@@ -78,6 +78,17 @@ fn a_scale_that_only_matches_by_chance_carry_is_said_to_break() {
     }
 }
 
+/// Several keyframes on end are looked at, and where the scale is not carried on, often their neighbours as well.
+#[test]
+fn a_break_is_told_from_the_one_beside_it() {
+    let found = |before| ScaleBreak { before: LocalMap::id(before), points: 9, inliers: 3 };
+    assert!(found(4).is_apart_from(None));
+    assert!(!found(4).is_apart_from(Some(LocalMap::id(4))));
+    assert!(!found(5).is_apart_from(Some(LocalMap::id(4))));
+    assert!(found(6).is_apart_from(Some(LocalMap::id(4))));
+    assert!(found(2).is_apart_from(Some(LocalMap::id(9))), "of another map");
+}
+
 #[test]
 fn a_loop_carries_the_scale_over_what_it_spans() {
     let map = matched_by_chance(shrunk_behind(passed(8), 3, 0.4), 3, 0.2, 1);

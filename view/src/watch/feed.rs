@@ -3,7 +3,7 @@
 
 use super::Neighbourhood;
 use super::handle::loops_of;
-use super::status::Facts;
+use super::status::{Facts, FoundBreak};
 use geometry::{GrayImage, Se3, Sim3};
 use map::{Color, FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
 use std::collections::BTreeMap;
@@ -21,6 +21,8 @@ pub struct Pending {
     pub taken: u64,
     /// How often tracking was lost since then.
     pub lost: u64,
+    /// Where the scale was not carried on, as was found since then.
+    pub scale_breaks: Vec<FoundBreak>,
     /// Keyframes that are new or were moved.
     pub keyframes: BTreeMap<KeyframeId, Pose>,
     /// Depths that became known.
@@ -33,6 +35,8 @@ pub struct Pending {
     pub edges: Option<Vec<[u32; 3]>>,
     /// The map was given up since then, before all the rest of this.
     pub anew: bool,
+    /// So was the whole run, with what was found of it.
+    pub restarted: bool,
     /// What to tell the user.
     pub note: Option<String>,
     /// Whether the run is paused, when that changed.

@@ -3,7 +3,7 @@
 use super::feed::{Gatherer, LiveImage, Pending};
 use super::run_page::COMMANDS;
 use super::scene::{Agent, Scene};
-use super::status::Facts;
+use super::status::{Facts, FoundBreak};
 use super::web;
 use super::{Command, Neighbourhood, RunPage, Shared, watcher};
 use crate::report::scene::kind_number;
@@ -188,6 +188,8 @@ impl Watch {
             pending.picture = picture.or(pending.picture.take());
             pending.taken += 1;
             pending.lost += u64::from(lost);
+            let found = report.scale_break;
+            pending.scale_breaks.extend(found.map(|of_scale| FoundBreak { frame, timestamp, of_scale }));
             pending.facts = Some(Facts { frame, timestamp, ms, latency_ms, dropped, report });
         });
     }
@@ -199,7 +201,18 @@ impl Watch {
         inner.shared.slot.leave(|pending| gatherer.gather(deltas, map, pending));
     }
 
-    /// Shows nothing of the map before any more.
+    /// Shows nothing of the run before any more: another one begins.
+    pub fn restart(&mut self) {
+        self.begin_anew();
+        if let Some(inner) = &self.0 {
+            inner.shared.slot.leave(|pending| {
+                pending.restarted = true;
+                pending.scale_breaks.clear();
+            });
+        }
+    }
+
+    /// Shows nothing of the map before any more: the run goes on in another one.
     pub fn begin_anew(&mut self) {
         let Some(inner) = &mut self.0 else { return };
         inner.gatherer = Gatherer::default();
@@ -210,6 +223,8 @@ impl Watch {
                 anew: true,
                 taken: kept.taken,
                 lost: kept.lost,
+                scale_breaks: kept.scale_breaks,
+                restarted: kept.restarted,
                 note: kept.note,
                 paused: kept.paused,
                 recording: kept.recording,

@@ -59,6 +59,9 @@ impl Watch {
     pub fn finished(&mut self, _deltas: &[MapDelta], _map: &Map) {}
 
     /// Does nothing.
+    pub fn restart(&mut self) {}
+
+    /// Does nothing.
     pub fn begin_anew(&mut self) {}
 
     /// Does nothing.

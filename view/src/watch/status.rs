@@ -2,7 +2,7 @@
 
 use super::Neighbourhood;
 use serde::Serialize;
-use slam_direct::{FrameReport, TrackingState};
+use slam_direct::{FrameReport, ScaleBreak, TrackingState};
 
 /// Where a run stands.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -27,6 +27,8 @@ pub struct Status {
     pub losses: u64,
     /// Loops closed.
     pub loops: u64,
+    /// Where the scale was not carried on in this run.
+    pub scale_break: Option<ScaleBreaks>,
     /// Frames taken per second of late.
     pub frames_per_s: f64,
     /// Time that the newest frame took, milliseconds.
@@ -59,6 +61,47 @@ pub struct Status {
     pub folder: String,
     /// Who is near, of an agent that pairs.
     pub neighbourhood: Option<Neighbourhood>,
+}
+
+/// Where the scale was not carried on, the newest place last of so many.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct ScaleBreaks {
+    /// How many there are.
+    pub count: u64,
+    /// Index of the frame when the newest was found, some keyframes after it.
+    pub frame: u64,
+    /// The time stamp of that frame, seconds.
+    pub timestamp: f64,
+    /// How little measures the scale there, for people.
+    pub why: String,
+}
+
+impl ScaleBreaks {
+    /// With one more to those before.
+    fn after(before: Option<&Self>, found: &FoundBreak) -> Self {
+        let FoundBreak { frame, timestamp, of_scale } = *found;
+        Self { count: before.map_or(0, |before| before.count) + 1, frame, timestamp, why: of_scale.text() }
+    }
+}
+
+/// A place where the scale was not carried on, and the frame when that was found.
+#[derive(Clone, Copy, Debug)]
+pub struct FoundBreak {
+    /// Index of the frame in the recording.
+    pub frame: u64,
+    /// Seconds, as recorded.
+    pub timestamp: f64,
+    /// What was found.
+    pub of_scale: ScaleBreak,
+}
+
+impl Status {
+    /// Adds where else the scale was not carried on.
+    pub fn add_breaks(&mut self, found: &[FoundBreak]) {
+        for found in found {
+            self.scale_break = Some(ScaleBreaks::after(self.scale_break.as_ref(), found));
+        }
+    }
 }
 
 /// What the tracker says of a frame.

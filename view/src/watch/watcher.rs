@@ -84,6 +84,9 @@ impl Watcher {
             (self.poses, self.frames, self.first_frames, self.loops) = Default::default();
             (self.status.losses, self.status.loops) = (0, 0);
         }
+        if pending.restarted {
+            self.status.scale_break = None;
+        }
         let steps = self.steps(&mut pending);
         self.loops
             .extend(pending.loops.iter().map(|[newer, older]| [*newer, *older, kind_number(EdgeKind::Loop)]));
@@ -148,6 +151,7 @@ impl Watcher {
         status.processed += pending.taken;
         status.losses += pending.lost;
         status.loops += pending.loops.len() as u64;
+        status.add_breaks(&pending.scale_breaks);
         status.paused = pending.paused.unwrap_or(status.paused);
         status.recording = pending.recording.or(status.recording);
         if let Some(folder) = pending.folder.take() {
@@ -228,5 +232,30 @@ fn placed(pose: &Pose) -> Placed {
         agent: 0,
         frame_index: pose.frame_index,
         world_from_keyframe: pose.world_from_keyframe,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::status::FoundBreak;
+    use super::*;
+    use slam_direct::ScaleBreak;
+
+    /// The map before is what the warning is of, and its results stay.
+    #[test]
+    fn a_scale_that_was_not_carried_on_is_shown_until_the_run_begins_again() {
+        let camera = Pinhole { width: 4, height: 3, fx: 2.0, fy: 2.0, cx: 1.5, cy: 1.0 };
+        let shared = Shared::new(Scene::default(), None);
+        let mut watcher = Watcher::new(camera, Status::default());
+        let of_scale = ScaleBreak { before: KeyframeId(9), points: 11, inliers: 3 };
+        let found = |frame| FoundBreak { frame, timestamp: 0.1 * frame as f64, of_scale };
+        watcher.round(&shared, Pending { scale_breaks: vec![found(40)], ..Pending::default() });
+        watcher.round(&shared, Pending { scale_breaks: vec![found(70)], ..Pending::default() });
+        watcher.round(&shared, Pending { anew: true, ..Pending::default() });
+        let shown = shared.scene().status().scale_break.clone().expect("it is shown");
+        assert_eq!((shown.count, shown.frame, shown.timestamp), (2, 70, 7.0));
+        assert!(shown.why.starts_with("3 of 11 points"), "{}", shown.why);
+        watcher.round(&shared, Pending { anew: true, restarted: true, ..Pending::default() });
+        assert_eq!(shared.scene().status().scale_break, None);
     }
 }

@@ -4,6 +4,7 @@ import { COLOURS } from "../../report/assets/colours.js";
 import { figures, quantile } from "../../report/assets/numbers.js";
 import { Drawing, byId, data, element, paintBar } from "../../report/assets/page.js";
 import { nearLines } from "./near.js";
+import { scaleBreakText } from "./warnings.js";
 
 /** How long trends reach back, milliseconds. */
 const TREND_SPAN = 60000;
@@ -210,6 +211,7 @@ export class Panel {
     // A reader of the screen reads it out: only what is new.
     if (byId("note").textContent !== reason + status.note) byId("note").textContent = reason + status.note;
     this.near(status.neighbourhood);
+    this.scaleBreak(status.scale_break);
     this.enable(status.state !== "done" && status.state !== "preparing");
     if (status.state === "done") this.say(status.note, false);
     if (status.state === "done" && status.report) this.offerReport();
@@ -223,6 +225,13 @@ export class Panel {
     if (said === this.nearSaid) return;
     this.nearSaid = said;
     byId("near-list").replaceChildren(...lines.map(({ kind, text }) => Object.assign(element("li", null, element("span", text)), { className: kind })));
+  }
+
+  /** Says where the scale was not carried on; it stays, for what comes after is in another unit. */
+  scaleBreak(found) {
+    const banner = byId("scale-break"), text = found ? scaleBreakText(found) : "";
+    banner.hidden = !found;
+    if (banner.textContent !== text) banner.textContent = text;
   }
 
   enable(on) {

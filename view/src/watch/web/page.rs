@@ -25,6 +25,7 @@ const TEMPLATE: Template = Template {
         script!("../assets/detail.js"),
         script!("../assets/view.js"),
         script!("../assets/near.js"),
+        script!("../assets/warnings.js"),
         script!("../assets/panel.js"),
         script!("../assets/live.js"),
     ],
