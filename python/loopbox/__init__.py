@@ -8,7 +8,6 @@ lengths are in map units, which are metres where `Map.metric` says so.
 
 from __future__ import annotations
 
-import html
 import json
 import os
 from collections.abc import Callable, Iterable, Mapping
@@ -17,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from . import _loopbox
+from . import _loopbox, _notebook
 from ._loopbox import Agent, Cloud, Frame, Keyframe, LoopboxError, Map, __version__
 
 __all__ = [
@@ -58,13 +57,10 @@ class _Results:
         return Map(self.folder)
 
     def _repr_html_(self) -> str | None:
-        report = self.folder / "report.html"
-        if not report.is_file():
-            return None
-        page = html.escape(report.read_text(encoding="utf-8"), quote=True)
-        # The page needs its scripts and nothing of the notebook's.
-        style = "width: 100%; height: 640px; border: 0"
-        return f'<iframe srcdoc="{page}" sandbox="allow-scripts" style="{style}"></iframe>'
+        return _notebook.shown(self.folder, self._figures())
+
+    def _figures(self) -> dict[str, object]:
+        return {}
 
 
 @dataclass(frozen=True)
@@ -76,6 +72,16 @@ class RunResult(_Results):
         """Frames with a pose."""
         return self.record["frames"]["tracked"]
 
+    def _figures(self) -> dict[str, object]:
+        frames, of_map = self.record["frames"], self.record["map"]
+        return {
+            "frames tracked": f"{self.tracked} of {frames['offered']}",
+            "keyframes": of_map["keyframes"],
+            "points": of_map["semi_dense"],
+            "loops": of_map["loops"],
+            "times lost": frames["losses"],
+        }
+
 
 @dataclass(frozen=True)
 class MergeResult(_Results):
@@ -85,6 +91,9 @@ class MergeResult(_Results):
     """Whether any two maps met; if not, nothing was written."""
     verdict: str = field(repr=False)
     """For each pair what was decided and by what evidence, for people."""
+
+    def _figures(self) -> dict[str, object]:
+        return {"verdict": self.verdict}
 
 
 @dataclass(frozen=True)

@@ -93,7 +93,11 @@ def test_maps_are_merged(runs, tmp_path):
     both = merged.map()
     assert sorted(both.agents) == ["parking_a", "parking_c"]
     assert set(both.cloud().agents) == {0, 1}
-    assert "srcdoc" in merged._repr_html_()
+    for result in (merged, runs["parking_a"]):
+        shown = result._repr_html_()
+        assert "data:image/png" in shown and str(result.folder.name + "/report.html") in shown
+        assert len(shown) < 250_000, "a notebook stays small"
+    assert "frames tracked" in runs["parking_a"]._repr_html_()
     with pytest.raises(loopbox.LoopboxError, match="one map"):
         loopbox.merge(folders[:1], tmp_path / "none")
 
