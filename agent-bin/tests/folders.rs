@@ -294,5 +294,9 @@ fn what_is_asked_for_must_be_in_the_recording() {
     );
     assert_refused(&["record", arg(folder.path()), "--out", "walk.bag"], &["walk.bag", "loopbox convert"]);
     assert_refused(&["export", "no.mcap", "--ply", "o.pcd"], &["--ply does not write .pcd", "--pcd does"]);
+    assert_refused(
+        &["export", "no.mcap", "--glb", "o.html"],
+        &["--glb does not write .html", "--report does"],
+    );
     assert!(!out.exists());
 }

@@ -6,7 +6,7 @@
 //!
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
-//! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright. [`lidar`] does the same for LiDAR agents; `fleet` lets
+//! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright, [`write_report`] makes the report of a map alone. [`lidar`] does the same for LiDAR agents; `fleet` lets
 //! agents pair over a network, [`ros`] publishes a run to ROS 2. [`verdicts`] keeps what pairs of maps made of each other, as [`blobs`]. [`unattended`] runs an agent for ever, session after session.
 
 pub mod blobs;
@@ -22,6 +22,7 @@ pub mod merging;
 pub mod open;
 pub mod placing;
 pub mod program;
+mod reporting;
 pub mod results;
 pub mod ros;
 pub mod run;
@@ -33,6 +34,7 @@ pub use counting::counted;
 pub use evaluating::evaluate;
 pub use explaining::explained;
 pub use merging::{MergeOptions, merge_maps};
+pub use reporting::write_report;
 pub use run::{RunOptions, run};
 pub use sources::pictures::Picture;
 pub use sources::{FrameSource, SourceFrame, SourceInfo, Stop};

@@ -131,6 +131,10 @@ pub struct Outputs {
     /// it says so, and what it is merged with gets metres too
     #[arg(long, value_name = "FILE")]
     pub mcap: Option<PathBuf>,
+    /// The report: one HTML file that shows the map without a network, as a run's does. What frames took is not in a map, nor is
+    /// it in the file
+    #[arg(long, value_name = "FILE")]
+    pub report: Option<PathBuf>,
     /// A bag for ROS 2 (MCAP): trajectories as /tf and odometry, the points of each keyframe as PointCloud2, thinned by --voxel
     /// as one cloud; x forward, y left, z up, level with --up z
     #[arg(long, value_name = "FILE")]
@@ -153,6 +157,7 @@ impl Outputs {
             ("--glb", &self.glb, &["glb"]),
             ("--mcap", &self.mcap, &["mcap"]),
             ("--ros2", &self.ros2, &["mcap"]),
+            ("--report", &self.report, &["html"]),
         ];
         for path in [&self.tum, &self.kitti, &self.colmap, &self.nerfstudio].into_iter().flatten() {
             check_length(path)?;
@@ -212,6 +217,10 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
     }
     if let Some(path) = &args.outputs.mcap {
         map::save_map(path, &map)?;
+        say!("{}: {} keyframes", path.display(), map.keyframes.len());
+    }
+    if let Some(path) = &args.outputs.report {
+        loopbox::write_report(path, &map)?;
         say!("{}: {} keyframes", path.display(), map.keyframes.len());
     }
     if let Some(folder) = &args.outputs.colmap {

@@ -75,7 +75,13 @@ fn a_map_is_exported_in_metres_and_for_other_tools() {
     let export = |arguments: &[&str]| {
         let mut command = loopbox();
         command.arg("export").arg(case.out()).args(arguments);
-        for (option, name) in [("--mcap", "metric.mcap"), ("--tum", "metric.txt"), ("--ply", "metric.ply")] {
+        let files = [
+            ("--mcap", "metric.mcap"),
+            ("--tum", "metric.txt"),
+            ("--ply", "metric.ply"),
+            ("--report", "r.html"),
+        ];
+        for (option, name) in files {
             command.arg(option).arg(file(name));
         }
         command.arg("--colmap").arg(file("colmap")).arg("--nerfstudio").arg(file("nerfstudio"));
@@ -97,6 +103,8 @@ fn a_map_is_exported_in_metres_and_for_other_tools() {
     assert!(
         map.thinned_cloud(map::DEFAULT_MAX_RELATIVE_VARIANCE, 0.25).count() < map.cloud(0.01).count() / 2
     );
+    let report = fs::read_to_string(file("r.html")).expect("a report");
+    assert!(report.contains("<h1>yard</h1>") && report.contains("\"length of the path\""));
     for folder in ["colmap", "nerfstudio"] {
         let images = fs::read_dir(file(folder).join("images")).expect("a folder").count();
         assert_eq!(images, keyframes, "{folder}");

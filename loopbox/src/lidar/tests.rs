@@ -229,6 +229,11 @@ fn the_report_shows_scans_with_the_tools_of_all_maps() {
     super::report::of_run(&path, &done.maps[0], &done.agent, &done.record).unwrap();
     let page = std::fs::read_to_string(path).unwrap();
     assert_points_nowhere(&page);
+    let alone = folder.path().join("alone.html");
+    crate::write_report(&alone, &done.maps[0]).unwrap();
+    let alone = embedded(&std::fs::read_to_string(alone).unwrap());
+    assert_eq!(alone["cloud"], embedded(&page)["cloud"], "a map alone has the same report");
+    assert_eq!(alone["plots"].as_array().map(Vec::len), Some(0), "but for what its scans took");
     for tool in ["measure", "cut-sides", "save-cloud", "save-path"] {
         assert!(page.contains(&format!(r#"id="{tool}""#)), "{tool}");
     }

@@ -21,7 +21,7 @@ const VIEWER: &str = include_str!("assets/viewer.html");
 const SCRIPTS: [Script; 3] =
     [script!("assets/numbers.js"), script!("assets/colours.js"), script!("assets/page.js")];
 /// Scripts of pages that show a scene: what is known of it, the 3-D view and its tools, plots.
-const SCENE_SCRIPTS: [Script; 16] = [
+const SCENE_SCRIPTS: [Script; 17] = [
     script!("assets/vectors.js"),
     script!("assets/scene.js"),
     script!("assets/gl.js"),
@@ -38,6 +38,7 @@ const SCENE_SCRIPTS: [Script; 16] = [
     script!("assets/tools.js"),
     script!("assets/controls.js"),
     script!("assets/chart.js"),
+    script!("assets/tabular.js"),
 ];
 
 /// What one page has beyond the others.

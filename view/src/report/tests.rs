@@ -153,7 +153,7 @@ fn a_folder_that_is_not_there_is_named() {
 
 #[test]
 fn a_browser_shows_it() {
-    for (map, rows) in [(bend(6, 5), rows(30)), (bend(0, 1), Vec::new())] {
+    for (map, rows) in [(bend(6, 5), rows(30)), (bend(6, 5), Vec::new()), (bend(0, 1), Vec::new())] {
         let Some(dom) = opened(&page_of(HOSTILE, &map, &rows)) else {
             eprintln!("SKIPPED: no Chromium here, the report was not opened in a browser");
             return;
@@ -162,6 +162,9 @@ fn a_browser_shows_it() {
             ["complete", "without-3d"].iter().any(|how| dom.contains(&format!(r#"data-report="{how}""#)));
         assert!(works, "the page's scripts did not run to their end");
         assert_eq!(dom.matches("aria-pressed=\"true\"").count(), usize::from(!map.keyframes.is_empty()));
+        let timing = dom.split_once(r#"<section id="timing""#).expect("a section").1;
+        let is_hidden = timing.split_once('>').expect("its end").0.contains("hidden");
+        assert_eq!(is_hidden, rows.is_empty(), "of a map alone nothing is plotted");
     }
 }
 

@@ -6,6 +6,7 @@ import { figures, quantile, unpack } from "../../../../view/src/report/assets/nu
 import { LINE_COLOURS } from "../../../../view/src/report/assets/overlays.js";
 import { byId, data, element } from "../../../../view/src/report/assets/page.js";
 import { keyframeInWords, shared } from "../../../../view/src/report/assets/scene.js";
+import { heads, medians, plotTable } from "../../../../view/src/report/assets/tabular.js";
 
 for (const [label, value] of data.tiles) byId("tiles").append(element("div", null, element("dt", label), element("dd", value)));
 
@@ -51,6 +52,8 @@ for (const plot of data.plots) {
   const values = unpack(plot.values, Float32Array);
   const picture = element("canvas");
   picture.className = "plot";
+  picture.setAttribute("role", "img");
+  picture.setAttribute("aria-label", `${plot.name}; the table below has the figures`);
   byId("plots").append(element("p", plot.name), picture);
   const context = picture.getContext("2d");
   [picture.width, picture.height] = [picture.clientWidth * 2, picture.clientHeight * 2];
@@ -64,6 +67,12 @@ for (const plot of data.plots) {
   context.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--soft");
   context.font = "22px system-ui";
   context.fillText(figures(top / 1.1), 4, 22);
+}
+
+if (data.plots.length) {
+  const panels = data.plots.map(({ name, values }) => ({ title: name, unit: "", values: unpack(values, Float32Array) }));
+  const count = Math.max(...panels.map(({ values }) => values.length));
+  byId("plots").append(plotTable(["Part", ...heads(panels)], () => medians(panels, [0, count], ([first, end]) => [`${first + 1}–${end}`])));
 }
 
 // For tests: what works.

@@ -36,6 +36,18 @@ export function provenanceInWords([key, text]) {
 /** The `share` quantile of sorted numbers. */
 export const quantile = (sorted, share) => sorted[Math.round((sorted.length - 1) * share)];
 
+/** Spans of equal length that cover so many values, `most` or one for each. @param {number} count @returns {[number, number][]} */
+export function parts(count, most = 24) {
+  const number = Math.min(count, most), begin = (i) => Math.floor((i * count) / number);
+  return Array.from({ length: number }, (_, i) => [begin(i), begin(i + 1)]);
+}
+
+/** The median of the finite numbers in a span; NaN where there are none. @param {any} values @param {[number, number]} span */
+export function medianOf(values, [first, end]) {
+  const sorted = Array.from(values.slice(first, end)).filter(Number.isFinite).sort((a, b) => a - b);
+  return sorted.length ? quantile(sorted, 0.5) : NaN;
+}
+
 /** The largest of 1, 2, 5 · 10ⁿ that is at most `value`. */
 export function roundStep(value) {
   const power = Math.pow(10, Math.floor(Math.log10(value)));

@@ -4,8 +4,9 @@ import { startViewer } from "./controls.js";
 import { Gallery, pictures } from "./gallery.js";
 import { provenanceInWords } from "./numbers.js";
 import { byId, data, element } from "./page.js";
-import { Plots } from "./plots.js";
+import { Plots, rows } from "./plots.js";
 import { shared } from "./scene.js";
+import { heads, medians, plotTable } from "./tabular.js";
 
 function fillTables() {
   const row = ([label, value]) => {
@@ -30,12 +31,21 @@ function bindCard(controls) {
   });
 }
 
+/** What a table of the plots says first of a part of the rows. */
+function partOfRows([first, end]) {
+  const lost = rows.state.slice(first, end).filter((state) => state === 2).length;
+  return [`${rows.frame[first]}–${rows.frame[end - 1]}`, rows.timestamp[first].toFixed(2), String(lost)];
+}
+
 fillTables();
+// A map alone says nothing of what its frames took.
+byId("timing").hidden = !data.rows.count;
 const controls = startViewer();
 if (controls) bindCard(controls);
 else byId("look").hidden = byId("isolate").hidden = true;
 new Gallery();
-new Plots(byId("plots"));
+const { panels } = new Plots(byId("plots"));
+byId("plots").after(plotTable(["Frames", "From, s", "Lost frames", ...heads(panels)], () => medians(panels, [0, rows.count], partOfRows)));
 shared.select(pictures.length ? pictures[Math.floor((pictures.length - 1) / 2)].keyframe : 0);
 // For tests: what works.
 document.documentElement.dataset.report = controls ? "complete" : "without-3d";

@@ -6,6 +6,7 @@ import { figures, quantile, unpack } from "../../../../../view/src/report/assets
 import { byId, data, element } from "../../../../../view/src/report/assets/page.js";
 import { nearestTime } from "../../../../../view/src/report/assets/playing.js";
 import { agentColour, agents, keyframes, lengthUnit, shared, spans, trajectory } from "../../../../../view/src/report/assets/scene.js";
+import { heads, medians, plotTable } from "../../../../../view/src/report/assets/tabular.js";
 import { MERGE_EDGE } from "../../../../../view/src/report/assets/viewer.js";
 
 export const paths = {
@@ -130,6 +131,8 @@ export function startPaths() {
     new PathPlots(byId("positions"), pathPanels(["x", "y", "z"], lengthUnit(), paths.position)),
     new PathPlots(byId("turns"), pathPanels(["Roll", "Pitch", "Yaw"], "degrees", paths.turns)),
   ];
+  const panels = columns.flatMap((column) => column.panels);
+  byId("positions").parentElement.append(plotTable(["Agent", "From, s", ...heads(panels)], () => agents.flatMap(({ name }, agent) => medians(panels, paths.spans[agent], ([first]) => [name, paths.seconds[first].toFixed(1)], 12))));
   // Both show one span.
   columns.forEach((column, i) => column.canvas.addEventListener("pointerup", () => columns[1 - i].follow(column)));
   columns.forEach((column, i) => column.canvas.addEventListener("dblclick", () => columns[1 - i].follow(column)));

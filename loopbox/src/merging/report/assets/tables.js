@@ -177,7 +177,7 @@ export function fillTimes() {
   fillTable(byId("times"), [["", "The two maps"], ["Places", "Place recognition", "number"], ["Meeting", "Matching places and following them to their verdicts, closures along both maps included", "number"], ["Method, fusion", "What another method than the default does; for the common map its joint optimisation", "number"]], rows);
 }
 
-/** A row of a table of labels and values. */
+/** A row of a table of labels and values. @param {any[]} entry */
 export function labelled([label, value]) {
   const head = element("th", label);
   head.scope = "row";
