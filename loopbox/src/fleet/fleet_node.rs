@@ -4,6 +4,7 @@ use super::collecting::Collector;
 use super::common_listener::CommonListener;
 use super::publishing::{MapPublisher, PublishingThread};
 use super::received_results::ReceivedResults;
+use super::saying::Saying;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::waiting::Waits;
 use anyhow::{Context, Result, anyhow};
@@ -76,6 +77,8 @@ struct Shared {
     enough: Option<usize>,
     /// Where the thread tells people what happens.
     report: Option<Report>,
+    /// What of neighbours was said.
+    saying: Mutex<Saying>,
     /// Ends the thread that writes how things are.
     ends: AtomicBool,
     /// Whether something was found that is not shown.
@@ -291,21 +294,17 @@ impl Shared {
     }
 
     fn handle(&self, notice: Notice) {
+        let said = self.saying.lock().unwrap_or_else(PoisonError::into_inner).text(&notice);
+        if let Some(text) = said {
+            self.report(&text);
+        }
         match notice {
-            Notice::Connected { name, address } => self.report(&format!("{name} is there, at {address}")),
-            Notice::Disconnected { name, reason } => {
-                self.report(&format!("{name} is not there any more: {reason}"))
-            }
-            Notice::Unanswered { address, reason } => {
-                self.report(&format!("{address} does not answer ({reason}); it is dialled again and again"));
-            }
             Notice::Trouble(text) => self.trouble(&text),
-            Notice::Stored { by, .. } => self.report(&format!("{by} holds all of the map told so far")),
             Notice::Results { from, peer, bytes } => match MergeResults::from_bytes(&bytes) {
                 Ok(found) => self.receive_results(from, peer, found),
                 Err(why) => self.trouble(&format!("a neighbour tells what is not to be understood: {why}")),
             },
-            Notice::Map(_) | Notice::Published { .. } | Notice::Unkept => {}
+            _ => {}
         }
     }
 
