@@ -7,6 +7,7 @@ use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
 use crate::run::listeners::{Listeners, ProcessedFrame};
+use crate::run::milestones::{Milestones, Standing};
 use crate::run::output::Output;
 use crate::run::record::FrameRow;
 use crate::run::resuming::Kept;
@@ -134,7 +135,7 @@ impl<'a> Run<'a> {
     ) -> Result<Self> {
         let started = Instant::now();
         let mut run = self;
-        let (mut broken, mut is_waiting) = (None, false);
+        let (mut broken, mut is_waiting, mut milestones) = (None, false, Milestones::default());
         loop {
             run.wall_s = started.elapsed().as_secs_f64();
             while !run.restart
@@ -166,6 +167,9 @@ impl<'a> Run<'a> {
                     }
                     is_waiting = report_room(is_waiting, output.waits_for_room(), progress);
                     run.check_lens(progress);
+                    if milestones.is_due(run.wall_s) {
+                        progress.note(&run.standing(ahead).text());
+                    }
                 }
                 Item::Skipped(skip) => {
                     progress.skipped(&skip);
@@ -217,6 +221,18 @@ impl<'a> Run<'a> {
         run.failure = broken.or(run.failure);
         run.wall_s = started.elapsed().as_secs_f64();
         Ok(run)
+    }
+
+    /// How it goes.
+    fn standing(&self, ahead: &Ahead) -> Standing {
+        Standing {
+            wall_s: self.wall_s,
+            frames: self.forgotten_rows + self.rows.len() as u64,
+            dropped: ahead.dropped() - self.dropped_before,
+            keyframes: self.map().keyframes.len(),
+            losses: self.losses.count,
+            memory: view::process::memory_bytes(),
+        }
     }
 
     /// Asks and tells whether the lens is the one of the images, when it is time.
