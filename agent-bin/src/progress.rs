@@ -1,10 +1,11 @@
 //! What the user sees while a run goes on.
 
-use crate::console::{say, tell};
+use crate::console::{print, say, tell};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use loopbox::counted;
 use loopbox::run::{FrameRow, Progress, RunRecord, state_name};
-use serde_json::json;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
 use slam_direct::Frame;
 use sources::ahead::Skip;
 use sources::notice::Notice;
@@ -28,6 +29,8 @@ pub enum Display {
 /// Shows progress.
 pub struct Console {
     display: Display,
+    /// Standard output is for the numbers as JSON alone.
+    json: bool,
     bar: ProgressBar,
     /// What became of frames that were not tracked, for the bar.
     losses: RefCell<String>,
@@ -54,7 +57,13 @@ impl Console {
         if display == Display::Bar {
             bar.enable_steady_tick(Duration::from_millis(200));
         }
-        Self { display, bar, losses: RefCell::default(), repeats: RefCell::default() }
+        Self { display, json: false, bar, losses: RefCell::default(), repeats: RefCell::default() }
+    }
+
+    /// With the numbers as one JSON object on standard output, and all else on standard error.
+    pub fn with_json(mut self, json: bool) -> Self {
+        self.json = json;
+        self
     }
 
     /// Whether there is a bar that nobody sees, as where the output goes into a file.
@@ -160,6 +169,7 @@ impl Progress for Console {
 
     fn note(&self, text: &str) {
         match self.display {
+            Display::Bar if self.json => self.bar.suspend(|| tell!("{text}")),
             Display::Bar => self.bar.suspend(|| say!("{text}")),
             Display::Quiet => {}
             Display::Json => log_line(&json!({ "event": "note", "text": text })),
@@ -178,6 +188,7 @@ impl Progress for Console {
         let out = &folder.display().to_string();
         self.bar.finish_and_clear();
         match self.display {
+            _ if self.json => print_numbers(record, folder),
             Display::Bar => say!("{}", summary(record, out).trim_end()),
             Display::Quiet => {}
             Display::Json => log_line(&json!({
@@ -218,6 +229,20 @@ fn style(template: &str) -> ProgressStyle {
 /// Frames a second, as a line of the terminal has room for.
 fn rate_text(per_second: f64) -> String {
     format!("{per_second:.1} frames/s")
+}
+
+/// Prints what `run.json` has as one object, but for its rows of single frames, and with the folder of results.
+pub fn print_numbers(record: &impl Serialize, folder: &Path) {
+    // By its text: a number of 32 bits then has as many digits as in the file.
+    let numbers = || -> anyhow::Result<()> {
+        let mut fields: Map<String, Value> = serde_json::from_str(&serde_json::to_string(record)?)?;
+        fields.remove("rows");
+        fields.insert("out".into(), folder.display().to_string().into());
+        print(&(serde_json::to_string_pretty(&fields)? + "\n"))
+    };
+    if let Err(error) = numbers() {
+        tell!("warning: {}", loopbox::explained(&error));
+    }
 }
 
 fn log_line(value: &serde_json::Value) {

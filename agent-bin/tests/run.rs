@@ -72,6 +72,20 @@ fn the_log_is_json_and_quiet_is_quiet() {
 }
 
 #[test]
+fn the_numbers_are_one_json_object_on_standard_output() {
+    let out = tempdir().unwrap();
+    let output = run(out.path(), &["--json"]);
+    let printed: serde_json::Value = serde_json::from_str(&stdout(&output)).expect("one object");
+    let mut expected = numbers(out.path());
+    let fields = expected.as_object_mut().unwrap();
+    assert!(fields.remove("rows").is_some_and(|rows| !rows.as_array().unwrap().is_empty()));
+    fields.insert("out".into(), out.path().display().to_string().into());
+    assert_eq!(printed, expected);
+    let output = run(out.path(), &["--json", "--quiet"]);
+    assert_eq!((stdout(&output).lines().next(), stderr(&output)), (Some("{"), String::new()));
+}
+
+#[test]
 fn in_real_time_every_frame_is_processed_or_counted_as_dropped() {
     let out = tempdir().unwrap();
     // Far faster than any machine tracks. Too few frames may be left to make a map, and that is no error here.

@@ -51,6 +51,10 @@ pub struct RunArgs {
     /// Show the report in the browser once it is written
     #[arg(long, conflicts_with = "check")]
     pub(super) open: bool,
+    /// Print the numbers as one JSON object in place of the summary: those of run.json but for the rows of single frames, and the
+    /// folder as `out`
+    #[arg(long, conflicts_with_all = ["log", "check", "repeat"])]
+    json: bool,
     /// Show no progress and no summary; warnings stay
     #[arg(short, long, conflicts_with = "log")]
     quiet: bool,
@@ -284,7 +288,8 @@ impl RunArgs {
             kitti: self.map.trajectory == TrajectoryFormat::Kitti,
             params: self.parameters.of_scans()?,
             quiet: self.quiet,
-            json: self.map.log.is_some(),
+            log: self.map.log.is_some(),
+            json: self.json,
             listeners,
             stop: &stop,
         };

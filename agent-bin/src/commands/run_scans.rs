@@ -1,6 +1,7 @@
 //! `loopbox run` over a LiDAR's scans.
 
 use crate::console::{Ended, Ending, say, tell};
+use crate::progress::print_numbers;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -179,6 +180,8 @@ pub struct ScanRun<'a> {
     /// Nothing is said.
     pub quiet: bool,
     /// A JSON object a line.
+    pub log: bool,
+    /// The numbers as one JSON object in place of the summary.
     pub json: bool,
     /// Who is told how the map grows.
     pub listeners: Listeners,
@@ -193,7 +196,7 @@ pub struct ScanRun<'a> {
 pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<f64> {
     let OpenScans { mut source, times, also } = opened;
     let source = source.as_mut();
-    if !run.quiet && !run.json {
+    if !run.quiet && !run.log {
         also.iter().for_each(|also| tell!("note: the folder also holds {also}"));
         tell!("point times: {}", times.text());
     }
@@ -215,20 +218,22 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
     let mapped = map_recording(source, options, run.stop, &mut |event| console.show(event));
     console.bar.finish_and_clear();
     let Mapped { record, failure } = mapped?;
-    if !run.json {
+    if !run.log {
         source.remarks().iter().for_each(|remark| tell!("warning: {remark}"));
     }
-    if run.json {
+    if run.log {
         say!(
             "{}",
             json!({
                 "event": "end", "scans": record.scans, "cost": record.cost, "map": record.map, "warnings": record.warnings
             })
         );
+    } else if run.json {
+        print_numbers(&record, run.out);
     } else if !run.quiet {
         summary(&record, run.out);
     }
-    if !run.json {
+    if !run.log {
         record.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
     }
     match failure {
@@ -261,7 +266,7 @@ fn read_poses(path: &Path) -> Result<GivenPoses> {
 /// What the user sees meanwhile.
 struct Console {
     bar: ProgressBar,
-    json: bool,
+    log: bool,
     skipped: std::cell::Cell<u64>,
 }
 
@@ -270,7 +275,7 @@ const NAMED: u64 = 3;
 
 impl Console {
     fn new(run: &ScanRun<'_>, count: Option<u64>) -> Self {
-        let bar = match count.filter(|_| !run.quiet && !run.json) {
+        let bar = match count.filter(|_| !run.quiet && !run.log) {
             Some(count) => ProgressBar::new(count),
             None => ProgressBar::hidden(),
         };
@@ -279,7 +284,7 @@ impl Console {
         {
             bar.set_style(style);
         }
-        Self { bar, json: run.json, skipped: 0.into() }
+        Self { bar, log: run.log, skipped: 0.into() }
     }
 
     fn show(&self, event: Event<'_>) {
@@ -287,11 +292,11 @@ impl Console {
             Event::Scan { row, map, .. } => {
                 self.bar.set_position(row.index + 1);
                 self.bar.set_message(format!("{} keyframes", map.keyframes.len()));
-                if self.json {
+                if self.log {
                     say!("{}", json!({ "event": "scan", "scan": row, "keyframes": map.keyframes.len() }));
                 }
             }
-            Event::Skipped { index, reason, detail } if self.json => {
+            Event::Skipped { index, reason, detail } if self.log => {
                 say!("{}", json!({ "event": "skip", "index": index, "reason": reason, "detail": detail }));
             }
             Event::Skipped { index, detail, .. } => {

@@ -31,7 +31,7 @@ fn mapped(
     page: &RunPage,
     stop: &Stop,
 ) -> Result<()> {
-    let (console, fov) = (Console::new(args.display(), None), args.lens.fov);
+    let (console, fov) = (Console::new(args.display(), None).with_json(args.json), args.lens.fov);
     let progress = Preparing { console: &console, page };
     match args.recording() {
         Some(recording) => options.without_calibration(source.info(), recording, fov, stop, &progress)?,
@@ -39,7 +39,7 @@ fn mapped(
     }
     drop(console);
     let prepared = PreparedRun::new(source, options)?;
-    let progress = Console::new(args.display(), prepared.frame_count());
+    let progress = Console::new(args.display(), prepared.frame_count()).with_json(args.json);
     if prepared.is_given_a_calibration() {
         progress.note(&prepared.calibration());
     }
