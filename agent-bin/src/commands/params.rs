@@ -1,12 +1,13 @@
-//! `loopbox params`: the default parameters as a TOML file, those of a run documented.
+//! `loopbox params`: the default parameters as a TOML file, each documented.
 
 use crate::console::{self, usage};
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use loopbox::merging::MergingParams;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use slam_direct::{DocumentedParameter, Parameter, ParameterValue, Params};
 use slam_lidar::mapping::MappingParams;
+use std::borrow::Cow;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 use toml::{Table, Value};
@@ -14,7 +15,7 @@ use toml::{Table, Value};
 /// Print the default parameters as a parameter file
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub struct ParamsArgs {
-    /// Those of `loopbox merge`; else those of `loopbox run`, documented
+    /// Those of `loopbox merge`; else those of `loopbox run`
     #[arg(long, conflicts_with = "lidar")]
     merge: bool,
     /// Those of `loopbox run` over a LiDAR's scans
@@ -23,11 +24,11 @@ pub struct ParamsArgs {
 }
 
 impl ParamsArgs {
-    fn text(self) -> Result<String> {
+    fn text(self) -> Cow<'static, str> {
         match self {
-            Self { lidar: true, .. } => mapping_file(),
-            Self { merge: true, .. } => merging_file(),
-            _ => Ok(default_file()),
+            Self { lidar: true, .. } => MAPPING_FILE.into(),
+            Self { merge: true, .. } => MERGING_FILE.into(),
+            _ => default_file().into(),
         }
     }
 }
@@ -38,7 +39,7 @@ impl ParamsArgs {
 /// None that matter: a closed pipe ends the output.
 pub fn execute(args: ParamsArgs) -> Result<()> {
     // A reader that has closed the pipe (`| head`) has seen enough.
-    console::print(&args.text()?)?;
+    console::print(&args.text())?;
     Ok(())
 }
 
@@ -143,10 +144,15 @@ impl ParameterArgs {
         let hint = |text: &str| format!("--set {text}: no such parameter or value (`{command}` prints all)");
         for setting in &self.set {
             overlay(&mut table, &setting.table);
-            usage(P::deserialize(table.clone()).with_context(|| hint(&setting.text)))?;
+            usage(of_table::<P>(&table).with_context(|| hint(&setting.text)))?;
         }
-        P::deserialize(table).context("the defaults cannot be read")
+        of_table(&table).context("the defaults cannot be read")
     }
+}
+
+/// The parameters of a table, by its text: a second reader of all their types makes the program half a megabyte larger.
+fn of_table<P: DeserializeOwned>(table: &Table) -> Result<P> {
+    toml::from_str(&table.to_string()).map_err(|error| anyhow!(error.message().to_owned()))
 }
 
 /// Refuses numbers that cannot be worked with, of parameters that state no ranges: what is not finite, what is negative where the default
@@ -192,16 +198,9 @@ fn overlay(table: &mut Table, changes: &Table) {
     }
 }
 
-fn mapping_file() -> Result<String> {
-    toml::to_string_pretty(&MappingParams::default()).context("the parameters cannot be written as TOML")
-}
-
-fn merging_file() -> Result<String> {
-    let table = toml::to_string(&MergingParams::default()).context("the parameters cannot be printed")?;
-    Ok(format!(
-        "# Parameters of `loopbox merge` with their defaults. A file may name any part of them.\n\n{table}"
-    ))
-}
+/// The defaults with the documentation of their structs, which the test `documents` writes from the source.
+const MERGING_FILE: &str = include_str!("parameters/merge.toml");
+const MAPPING_FILE: &str = include_str!("parameters/lidar.toml");
 
 fn default_file() -> String {
     let mut out =
@@ -246,9 +245,19 @@ mod tests {
     }
 
     #[test]
-    fn the_printed_file_for_merging_reads_back_as_the_defaults() {
-        let file = merging_file().unwrap();
-        assert_eq!(toml::from_str::<MergingParams>(&file).unwrap(), MergingParams::default());
+    fn the_printed_files_for_merging_and_lidars_read_back_as_the_defaults() {
+        assert_eq!(toml::from_str::<MergingParams>(MERGING_FILE).unwrap(), MergingParams::default());
+        assert_eq!(toml::from_str::<MappingParams>(MAPPING_FILE).unwrap(), MappingParams::default());
+    }
+
+    #[test]
+    fn each_parameter_has_a_comment_before_it() {
+        for file in [&default_file(), MERGING_FILE, MAPPING_FILE] {
+            let lines: Vec<&str> = file.lines().collect();
+            let is_value = |line: &str| line.contains(" = ") && !line.starts_with('#');
+            let bare = lines.windows(2).find(|two| is_value(two[1]) && !two[0].starts_with('#'));
+            assert_eq!(bare, None);
+        }
     }
 
     fn given(file: Option<&std::path::Path>, settings: &[&str]) -> ParameterArgs {

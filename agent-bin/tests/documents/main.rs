@@ -12,6 +12,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod annotating;
 mod commands;
 mod generated;
 mod invariants;
