@@ -184,6 +184,8 @@ setTimeout(() => {
   slider.value = 100;
   slider.dispatchEvent(new Event("input", { bubbles: true }));
   press("save-cloud");
+  document.querySelector(".plot-table summary").click();
+  setTimeout(() => (dataset.figures = document.querySelectorAll(".plot-table tbody tr").length), 100);
   press("fold");
   dataset.folded = document.getElementById("panel").hidden;
   press("play");
@@ -208,6 +210,7 @@ fn its_tools_work_in_a_browser() {
         let (_, rest) = dom.split_once(&format!("data-{name}=\"")).unwrap_or_else(|| panic!("no {name}"));
         rest.split_once('"').unwrap().0.parse().unwrap()
     };
+    assert_eq!(number("figures"), 24.0, "the plots are a table as well");
     if dom.contains(r#"data-report="without-3d""#) {
         eprintln!("SKIPPED: this Chromium draws no 3-D, its tools were not used");
         return;

@@ -206,7 +206,7 @@ impl Watch {
         self.begin_anew();
         if let Some(inner) = &self.0 {
             inner.shared.slot.leave(|pending| {
-                pending.restarted = true;
+                (pending.restarted, pending.lost) = (true, 0);
                 pending.scale_breaks.clear();
             });
         }

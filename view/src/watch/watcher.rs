@@ -82,10 +82,10 @@ impl Watcher {
             .collect();
         if pending.anew {
             (self.poses, self.frames, self.first_frames, self.loops) = Default::default();
-            (self.status.losses, self.status.loops) = (0, 0);
+            self.status.loops = 0;
         }
         if pending.restarted {
-            self.status.scale_break = None;
+            (self.status.losses, self.status.scale_break) = (0, None);
         }
         let steps = self.steps(&mut pending);
         self.loops
@@ -251,11 +251,13 @@ mod tests {
         let found = |frame| FoundBreak { frame, timestamp: 0.1 * frame as f64, of_scale };
         watcher.round(&shared, Pending { scale_breaks: vec![found(40)], ..Pending::default() });
         watcher.round(&shared, Pending { scale_breaks: vec![found(70)], ..Pending::default() });
-        watcher.round(&shared, Pending { anew: true, ..Pending::default() });
+        watcher.round(&shared, Pending { lost: 1, anew: true, ..Pending::default() });
+        assert_eq!(shared.scene().status().losses, 1, "those of the run, whatever map it is in");
         let shown = shared.scene().status().scale_break.clone().expect("it is shown");
         assert_eq!((shown.count, shown.frame, shown.timestamp), (2, 70, 7.0));
         assert!(shown.why.starts_with("3 of 11 points"), "{}", shown.why);
         watcher.round(&shared, Pending { anew: true, restarted: true, ..Pending::default() });
-        assert_eq!(shared.scene().status().scale_break, None);
+        let status = shared.scene().status().clone();
+        assert_eq!((status.losses, status.scale_break), (0, None));
     }
 }
