@@ -50,6 +50,18 @@ impl Hall {
     }
 }
 
+#[test]
+fn the_numbers_of_scans_are_one_json_object_on_standard_output() {
+    let hall = Hall::new();
+    let (printed, _) = hall.run(0, "run @a --end 2 --json --out @out");
+    let printed: Value = serde_json::from_str(&printed).expect("one object");
+    let mut record = hall.json("out/run.json");
+    let fields = record.as_object_mut().unwrap();
+    assert!(fields.remove("rows").is_some());
+    fields.insert("out".into(), arg(&hall.at("out")).into());
+    assert_eq!(printed, record);
+}
+
 /// The root mean square error that `eval --json` tells.
 fn ate(printed: &str) -> f64 {
     serde_json::from_str::<Value>(printed).unwrap()["ate"]["rmse"].as_f64().unwrap()
