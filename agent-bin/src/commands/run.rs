@@ -232,8 +232,7 @@ pub fn execute(args: RunArgs) -> Result<()> {
 impl RunArgs {
     /// With a folder for the results, where none is given.
     pub fn with_out(mut self) -> Self {
-        let camera = self.camera.path();
-        let name = self.source.as_deref().or(camera.as_deref()).map(recording_name);
+        let name = self.source.as_deref().or(self.camera.path().as_deref()).map(recording_name);
         self.out = self.out.or_else(|| Some(Path::new("out").join(name?)));
         self
     }
