@@ -1,9 +1,10 @@
-//! Maps as people name them: a file, or the folder of results that holds one.
+//! Maps as people name them: a file, or the folder of results that holds one. A manifest is as good as the map that it makes.
 
+use crate::merging::{assembled, is_manifest, maps_of};
 use crate::results::{COMMON_OF_LIDARS, map_in};
 use anyhow::{Result, bail};
 use geometry::Swap;
-use map::{LoadedMap, Map, MapError, SensorKind, load_map, load_map_swapped};
+use map::{LoadedMap, Map, MapError, SensorKind, is_map_file, load_map, load_map_swapped};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -18,7 +19,12 @@ pub struct OpenedMap {
     pub warnings: Vec<String>,
 }
 
-/// The file of the map at `path`: a map file, or the folder of results that holds one; with what there is to know of a
+/// Whether there is a map at `path`: a map file or a manifest, or a folder of results that holds one.
+pub fn is_map(path: &Path) -> bool {
+    if path.is_dir() { map_in(path).is_some() } else { is_map_file(path) || is_manifest(path) }
+}
+
+/// The file of the map at `path`: a map file or a manifest, or the folder of results that holds one; with what there is to know of a
 /// folder's map.
 ///
 /// # Errors
@@ -52,8 +58,8 @@ pub enum Sensors {
 
 /// What the maps at these paths hold.
 pub fn sensors_at(maps: &[PathBuf]) -> Sensors {
-    let kinds = |path: &PathBuf| map::sensors_of(map_file_at(path).ok()?.0).ok();
-    let of_maps: Vec<_> = maps.iter().filter_map(kinds).collect();
+    let kinds = |path: PathBuf| map::sensors_of(map_file_at(&path).ok()?.0).ok();
+    let of_maps: Vec<_> = maps.iter().flat_map(|path| maps_of(path)).filter_map(kinds).collect();
     let has_lidar = |kinds: &BTreeSet<SensorKind>| kinds.contains(&SensorKind::Lidar);
     match of_maps.iter().any(has_lidar) {
         true if of_maps.iter().any(|kinds| kinds.len() > 1) => Sensors::Mixed,
@@ -78,8 +84,18 @@ pub(crate) fn open_map_swapped(path: &Path, swap: &dyn Swap) -> Result<OpenedMap
     opened(path, |file| load_map_swapped(file, swap))
 }
 
-fn opened(path: &Path, load: impl FnOnce(&Path) -> Result<LoadedMap, MapError>) -> Result<OpenedMap> {
+fn opened(path: &Path, load: impl Fn(&Path) -> Result<LoadedMap, MapError>) -> Result<OpenedMap> {
     let (file, note) = map_file_at(path)?;
+    if is_manifest(&file) {
+        return assembled(&file, &|map| of_file(map_file_at(map)?, &load));
+    }
+    of_file((file, note), &load)
+}
+
+fn of_file(
+    (file, note): (PathBuf, Option<String>),
+    load: &impl Fn(&Path) -> Result<LoadedMap, MapError>,
+) -> Result<OpenedMap> {
     let loaded = load(&file)?;
     let of_file = loaded.warnings.iter().map(|warning| format!("{}: {warning}", file.display()));
     let warnings = note.into_iter().chain(of_file).collect();

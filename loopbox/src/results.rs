@@ -14,7 +14,7 @@
 
 mod earlier;
 
-pub use earlier::{Owner, map_in};
+pub use earlier::{MANIFEST, Owner, map_in};
 
 use anyhow::{Context, Error, Result, bail};
 use map::MapError;

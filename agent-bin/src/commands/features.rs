@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// The features of all images at `path`: an image, a folder of images (or with a folder `images` in it), a map, or
 /// the folder of a run.
 pub(super) fn of_images(path: &Path) -> Result<Vec<Features>> {
-    if map::is_map_file(path) || path.join("map.mcap").is_file() {
+    if loopbox::open::is_map(path) {
         let map = load_at(path)?;
         map.of_cameras()?;
         return features_of_keyframes(&map);

@@ -5,7 +5,7 @@ use super::run_scans::{self, ScanArgs, SensorChoice};
 use super::survey::Survey;
 use anyhow::Result;
 use clap::Args;
-use loopbox::results::map_in;
+use loopbox::open::is_map;
 use sources::SourceOptions;
 use sources::correction::CameraOptions;
 use std::path::PathBuf;
@@ -34,8 +34,7 @@ pub struct InfoArgs {
 /// # Errors
 /// When it is neither, and of a recording of which a run would be refused.
 pub fn execute(args: &InfoArgs) -> Result<()> {
-    let is_results = args.path.is_dir() && map_in(&args.path).is_some();
-    if is_results || map::is_map_file(&args.path) {
+    if is_map(&args.path) {
         return info_map::run(&args.path, args.json);
     }
     let wanted = ScanArgs { sensor: args.sensor, ..ScanArgs::default() };

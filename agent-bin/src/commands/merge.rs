@@ -13,13 +13,14 @@ use loopbox::blobs::local_files;
 use loopbox::merging::{MergeOptions, Merged, MixedOptions, merge_maps_watched, merge_rig};
 use loopbox::open::{Sensors, sensors_at};
 use loopbox::placing::rig::extrinsic;
+use loopbox::results::MANIFEST;
 use std::path::PathBuf;
 
 /// Merge the maps of several agents into one common map
 #[derive(Debug, Args)]
 pub struct MergeArgs {
     /// The maps: each a map.mcap, the folder of a run, or such by its URI (s3://BUCKET/FOLDER; s3://BUCKET/FOLDER/* are all there). Those
-    /// that met join the world of the first
+    /// that met join the world of the first. The manifest of a merge stands for all of its maps: give it with new ones, and it grows
     #[arg(required = true, value_name = "MAP")]
     pub(super) maps: Vec<PathBuf>,
     /// Folder for the results; made if it is not there
@@ -43,6 +44,13 @@ pub struct MergeArgs {
     #[arg(long, value_name = "POSE", value_parser = extrinsic, allow_hyphen_values = true,
         conflicts_with_all = ["method", "params", "set", "days_apart", "confirm", "verdicts"])]
     extrinsic: Option<Se3>,
+    /// Leave out these maps of a manifest, by their names: as if they had never been merged
+    #[arg(long, value_name = "NAME")]
+    without: Vec<String>,
+    /// Write the manifest alone, of which maps, clouds, trajectories and the report are made when they are asked for. Verdicts are kept
+    /// beside it, unless --verdicts or a manifest among the maps says where. Of cameras
+    #[arg(long, conflicts_with_all = ["extrinsic", "open"])]
+    no_map: bool,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
     pub(super) json: bool,
@@ -88,7 +96,8 @@ pub fn run(args: &mut MergeArgs) -> Result<()> {
     }
     let verdicts = args.judging.verdicts.clone();
     let confirm = args.judging.confirm.clone();
-    let options = MergeOptions { out: args.out.clone(), force: args.force, params, verdicts, confirm };
+    let (out, without, map) = (args.out.clone(), args.without.clone(), !args.no_map);
+    let options = MergeOptions { out, force: args.force, params, verdicts, confirm, without, map };
     let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let merged = merge_maps_watched(&args.maps, options, &stop, &progress)?;
@@ -146,8 +155,10 @@ impl MergeArgs {
 
     /// Refuses what is for cameras alone.
     fn check_lidar_options(&self) -> Result<()> {
-        if self.optimise || self.no_optimise {
-            bail!("--optimise and --no-optimise are for maps of cameras, and there is a LiDAR's among these");
+        if self.optimise || self.no_optimise || self.no_map || !self.without.is_empty() {
+            bail!(
+                "--optimise, --no-optimise, --no-map and --without are for maps of cameras, and there is a LiDAR's among these"
+            );
         }
         Ok(())
     }
@@ -157,7 +168,8 @@ impl MergeArgs {
 fn summary(args: &MergeArgs, merged: &Merged) -> String {
     let (record, mut text) = (&merged.record, merged.verdict());
     for (group, agents) in record.groups.iter().zip(merged.merging.groups()) {
-        text += &format!("{}: {}\n", args.out.join(&group.map).display(), merged.names.list(agents));
+        let file = if args.no_map { MANIFEST } else { &group.map };
+        text += &format!("{}: {}\n", args.out.join(file).display(), merged.names.list(agents));
     }
     let memory = record.cost.peak_memory_bytes.map_or(String::new(), |b| format!(", {} MiB", b >> 20));
     let found = match record.inputs.iter().map(|input| input.features_found).sum::<usize>() {

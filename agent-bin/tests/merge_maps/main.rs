@@ -8,6 +8,7 @@ mod continuing;
 #[path = "../common/documented.rs"]
 mod documented;
 mod importing;
+mod manifest;
 mod merging;
 mod support;
 mod unmerging;

@@ -123,6 +123,11 @@ fn decoded(keyframe: &Keyframe) -> Option<Features> {
     codec::decode(keyframe.features.as_deref()?).ok()
 }
 
+/// Gives the keyframes of a map the features and words that a merge would give them.
+pub(super) fn describe(map: &mut Map, vocabulary: &Vocabulary) {
+    Described::of(map, vocabulary);
+}
+
 /// What a map's keyframes with depth look like. Keyframes without could be recognised, but nothing could come of it.
 #[derive(Default)]
 struct Described {

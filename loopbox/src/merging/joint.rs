@@ -3,18 +3,20 @@
 
 use merge::common_map::Fused;
 use slam_direct::{AgentError, Params, optimise_jointly};
+use std::collections::BTreeSet;
 
-/// Optimises every common map of several agents and of `most` keyframes at the most jointly ([`optimise_jointly`]), until `stop`. A map
-/// that cannot be, for its size, a LiDAR among its agents or different cameras, stays as it is; gives which and why.
+/// Optimises every common map of several agents and of `most` keyframes at the most jointly ([`optimise_jointly`]), until `stop`, besides
+/// those that are `settled`, by their numbers. A map that cannot be, for its size, a LiDAR among its agents or different cameras, stays as it is; gives which and why.
 pub(super) fn optimised<'a>(
     groups: &'a mut [Fused],
+    settled: &BTreeSet<usize>,
     most: usize,
     stop: &dyn Fn() -> bool,
 ) -> Vec<(&'a Fused, String)> {
     let params = Params::default();
-    let several = groups.iter_mut().filter(|fused| fused.agents.len() > 1);
-    several
-        .filter_map(|fused| {
+    let open = groups.iter_mut().enumerate().filter(|(number, _)| !settled.contains(number));
+    open.filter(|(_, fused)| fused.agents.len() > 1)
+        .filter_map(|(_, fused)| {
             let count = fused.map.keyframes.len();
             if count > most {
                 let why = format!(

@@ -1,9 +1,10 @@
 //! A merge as it is asked for, and its way from there to the results.
 
 use super::joint::optimised;
+use super::manifest::{Given, Source};
 use super::{
-    Input, MergeRecord, Merging, MergingParams, Names, isolated_agents, keep_from, listed, merge_knowing,
-    verdict, write_results,
+    Input, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, keep_from, listed,
+    merge_knowing, verdict, write_results,
 };
 use crate::results::{Owner, Results};
 use crate::swapping::SwapFiles;
@@ -15,6 +16,9 @@ use sources::Stop;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Instant;
+
+/// Where verdicts are kept beside a manifest alone.
+const VERDICTS: &str = "verdicts";
 
 /// How maps are to be merged.
 #[derive(Clone, Debug)]
@@ -30,13 +34,18 @@ pub struct MergeOptions {
     /// Pairs of agents, each as `A+B`, of which a person says that both maps show one place: what differs between them keeps them apart no
     /// more. With `verdicts` that is kept too.
     pub confirm: Vec<String>,
+    /// Maps of manifests among the given that are left out, by their names: as if they had never been merged.
+    pub without: Vec<String>,
+    /// Whether maps, clouds, trajectories and the report are written besides the manifest, which makes them at any time. Where they are
+    /// not, verdicts are kept beside it unless something else is said.
+    pub map: bool,
 }
 
 impl MergeOptions {
     /// The usual merge, with results in `out`.
     pub fn to(out: impl Into<PathBuf>) -> Self {
-        let (params, verdicts, confirm) = Default::default();
-        Self { out: out.into(), force: false, params, verdicts, confirm }
+        let (params, verdicts, confirm, without) = Default::default();
+        Self { out: out.into(), force: false, params, verdicts, confirm, without, map: true }
     }
 }
 
@@ -78,7 +87,8 @@ impl Merged {
 }
 
 /// Merges the maps at `paths`, each a `map.mcap` or the folder of a run, and writes the common map; tells nobody how it
-/// goes. Where no two of them met, nothing is written.
+/// goes. A manifest stands for all of its maps, and verdicts that are kept are not found again. Where no two maps met, nothing is
+/// written.
 ///
 /// ```no_run
 /// use loopbox::merging::{MergeOptions, merge_maps};
@@ -104,6 +114,8 @@ pub fn merge_maps_watched(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Merged> {
+    let given = Given::at(paths, &options.without)?;
+    let paths = &given.maps;
     refuse_one(paths)?;
     // Other methods are compared as they are.
     options.params.joint &= options.params.method.baseline().is_none();
@@ -119,22 +131,33 @@ pub fn merge_maps_watched(
     let swap = SwapFiles::new(options.out.clone());
     let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
     let params = &options.params;
-    let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
+    let digests = given.digests(&inputs)?;
+    let place = options.verdicts.or(given.verdicts).or((!options.map).then(|| options.out.join(VERDICTS)));
+    let verdicts =
+        place.as_deref().map(|place| CameraVerdicts::at(place, digests.clone(), params)).transpose()?;
     let known = (&*options.confirm, verdicts.as_ref());
     let mut merging = merge_knowing(&inputs, &vocabulary, params, known, &mut stage)?;
-    let names = Names::new(&merging.common);
-    if options.params.joint && merging.any_joined() {
+    let (names, provenance) = (Names::new(&merging.common), merging.provenance(&inputs, params));
+    if params.joint && merging.any_joined() {
         stage("optimising the common map jointly")?;
-        let most = options.params.joint_keyframes;
-        for (fused, why) in optimised(&mut merging.fused, most, &|| stop.requested()) {
+        let settled = given.settle(&mut merging, &digests, &provenance);
+        for (fused, why) in
+            optimised(&mut merging.fused, &settled, params.joint_keyframes, &|| stop.requested())
+        {
             let names = names.list(&fused.agents);
             watcher.warn(&format!("the common map of {names} is not optimised jointly: {why}"));
         }
     }
-    let mut record = MergeRecord::new(&inputs, &merging, &options.params, &names)?;
+    let mut record = MergeRecord::new(&inputs, &merging, params, &names)?;
     if merging.any_joined() {
         stage("writing the results")?;
-        write_results(&mut output, &inputs, &merging, &names, &mut record)?;
+        let about =
+            Source { inputs: &inputs, digests: &digests, verdicts: place.as_deref(), folder: &options.out };
+        let manifest = Manifest::of(&about, &merging, &provenance);
+        match options.map {
+            true => write_results(&mut output, &inputs, &merging, &names, Some(&manifest), &mut record)?,
+            false => manifest.write(&mut output)?,
+        }
         go_on()?;
         output.commit()?;
         let lonely = isolated_agents(&merging, &names);

@@ -1,6 +1,6 @@
 //! The files that merged maps are written into.
 
-use super::{Input, MergeRecord, Merging, Names, report};
+use super::{Input, Manifest, MergeRecord, Merging, Names, report};
 use crate::results::Results;
 use anyhow::{Context, Result};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE};
@@ -23,7 +23,8 @@ fn of_group(stem: &str, extension: &str, group: usize, fused: &Fused, names: &Na
     }
 }
 
-/// Writes the results of a merging into `output`; `record` learns their names and is written last.
+/// Writes the results of a merging into `output`, of which `manifest` is what they are made of; `record` learns their names and is
+/// written last.
 ///
 /// # Errors
 /// Names the file that cannot be written.
@@ -32,9 +33,11 @@ pub fn write_results(
     inputs: &[Input],
     merging: &Merging,
     names: &Names,
+    manifest: Option<&Manifest>,
     record: &mut MergeRecord,
 ) -> Result<()> {
     let provenance = merging.provenance(inputs, &record.params);
+    manifest.map_or(Ok(()), |manifest| manifest.write(output))?;
     let files = GroupFiles::of(output, &merging.fused, names)?;
     let page = output.file(REPORT)?;
     let (maps, report) = rayon::join(

@@ -10,8 +10,10 @@ use std::path::{Component, Path, PathBuf};
 const RUN: &str = "run.json";
 const MERGE: &str = "merge.json";
 const UNMERGE: &str = "unmerge.json";
+/// The file that says what a common map is made of.
+pub const MANIFEST: &str = "manifest.json";
 /// Every file that a run, a merge or taking a merge apart writes under this name.
-const NAMES: [&str; 7] = [MAP, "trajectory.txt", "cloud.ply", "report.html", RUN, MERGE, UNMERGE];
+const NAMES: [&str; 8] = [MAP, "trajectory.txt", "cloud.ply", "report.html", RUN, MERGE, UNMERGE, MANIFEST];
 
 /// Whose results a folder holds.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -27,7 +29,7 @@ pub enum Owner {
 impl Owner {
     /// Whose results are in a folder; nothing where there are none, or nobody says whose.
     fn of(folder: &Path) -> Option<Self> {
-        if folder.join(MERGE).is_file() {
+        if folder.join(MERGE).is_file() || folder.join(MANIFEST).is_file() {
             return Some(Self::Merge);
         }
         if folder.join(UNMERGE).is_file() {
@@ -96,13 +98,13 @@ fn is_result(name: &Path) -> bool {
 }
 
 /// The map among the results in a folder, and what the user should know of it. Of results that are not in place yet
-/// it is the new one; without any it is what a run left that did not end.
+/// it is the new one; where none was written, the manifest that makes one; without any it is what a run left that did not end.
 pub fn map_in(folder: &Path) -> Option<(PathBuf, Option<String>)> {
-    let map_of = |homes: [&str; 2]| {
-        homes.map(|home| folder.join(home).join(MAP)).into_iter().find(|path| path.is_file())
+    let map_of = |homes: &[[&str; 2]]| {
+        homes.into_iter().map(|[home, name]| folder.join(home).join(name)).find(|path| path.is_file())
     };
-    let whole = map_of([COMPLETE, ""]);
-    let left = map_of([UNFINISHED, UNFINISHED_BEFORE]);
+    let whole = map_of(&[[COMPLETE, MAP], ["", MAP], [COMPLETE, MANIFEST], ["", MANIFEST]]);
+    let left = map_of(&[[UNFINISHED, MAP], [UNFINISHED_BEFORE, MAP]]);
     let note = left.as_ref().map(|left| {
         let older = if whole.is_some() { "; this one is older" } else { "" };
         format!("{} is the map of a run that has not ended{older}", left.display())

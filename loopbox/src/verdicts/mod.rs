@@ -251,7 +251,6 @@ impl<'a> CameraVerdicts<'a> {
     ///
     /// # Errors
     /// When it cannot be used.
-    #[cfg(feature = "fleet")]
     pub fn at(place: &Path, maps: Vec<MapDigest>, params: &'a MergingParams) -> Result<Self> {
         Ok(Self { kept: Verdicts::at(place)?, maps, params })
     }

@@ -129,18 +129,10 @@ impl CommonMap {
     ) -> Result<Fused, FusionError> {
         let agents: Vec<AgentId> = component.agents.keys().copied().collect();
         if let ([agent], Some(map)) = (&agents[..], self.agents.get(&component.root)) {
-            let (agents, mut map) = (vec![*agent], map.clone());
-            // Only common maps are searched by them.
-            map.keyframes.values_mut().for_each(|keyframe| keyframe.words = None);
+            let (agents, map) = (vec![*agent], alone(map.clone()));
             return Ok(Fused { map, agents, component, report: None, suppressed: Vec::new() });
         }
-        let placed = agents.iter().filter_map(|agent| {
-            let mut own = self.agents.get(agent)?.clone();
-            // Remembered by `unite` as the own poses; moved after it.
-            own.agents.values_mut().for_each(|info| info.own = None);
-            Some(own)
-        });
-        let mut map = Map::unite(placed.collect())?;
+        let mut map = united(agents.iter().filter_map(|agent| self.agents.get(agent).cloned()))?;
         // Metres are metres, whatever the merges on the way say of it.
         if map.is_metric() {
             for (agent, info) in agents.iter().zip(map.agents.values()) {
@@ -179,6 +171,22 @@ impl Fused {
         self.report = Some(report);
         Ok(())
     }
+}
+
+/// The common map of one agent alone: its own.
+pub(super) fn alone(mut own: Map) -> Map {
+    // Only common maps are searched by them.
+    own.keyframes.values_mut().for_each(|keyframe| keyframe.words = None);
+    own
+}
+
+/// Agents' own maps in one, before they are moved: their poses are remembered as the own ones.
+pub(super) fn united(own: impl IntoIterator<Item = Map>) -> Result<Map, MapError> {
+    let apart = own.into_iter().map(|mut own| {
+        own.agents.values_mut().for_each(|info| info.own = None);
+        own
+    });
+    Map::unite(apart.collect())
 }
 
 impl Link {

@@ -6,6 +6,7 @@
 //! can be undone ([`separate`](CommonMap::separate)), an agent can go on and hand in its map again
 //! ([`update`](CommonMap::update)), and nothing of an earlier fusion stays behind.
 
+mod arrangement;
 mod closures;
 mod fuse;
 mod params;
@@ -14,6 +15,7 @@ mod rescaled;
 #[cfg(test)]
 mod tests;
 
+pub use arrangement::{Arrangement, AssemblyError, Closure, MovedKeyframe, Numbers, Placed};
 pub use fuse::{Fused, FusionError};
 pub use params::FusionParams;
 pub use rejection::TakenBack;
@@ -104,12 +106,7 @@ impl CommonMap {
     /// Adds the agents of a map.
     fn add(&mut self, map: &Map) -> Addresses {
         let mut agents = BTreeMap::new();
-        for ((old, info), mut own) in map.agents.iter().zip(map.split()) {
-            let first = info.own.as_ref().map_or(0, |own| own.first_keyframe);
-            for keyframe in own.keyframes.values_mut() {
-                let here = map.keyframes.get(&KeyframeId(keyframe.id.0 + first));
-                keyframe.words = here.and_then(|here| here.words.clone());
-            }
+        for (old, (first, own)) in map.agents.keys().zip(Self::own_maps(map)) {
             let new = AgentId(self.agents.keys().next_back().map_or(0, |last| last.0 + 1));
             agents.insert(*old, (first, new));
             self.agents.insert(new, own);
@@ -122,6 +119,18 @@ impl CommonMap {
             }
         }
         addresses
+    }
+
+    /// The own maps of a map's agents with the words of their keyframes, each with the first id of these in the map.
+    fn own_maps(map: &Map) -> impl Iterator<Item = (u32, Map)> {
+        map.agents.values().zip(map.split()).map(|(info, mut own)| {
+            let first = info.own.as_ref().map_or(0, |own| own.first_keyframe);
+            for keyframe in own.keyframes.values_mut() {
+                let here = map.keyframes.get(&KeyframeId(keyframe.id.0 + first));
+                keyframe.words = here.and_then(|here| here.words.clone());
+            }
+            (first, own)
+        })
     }
 
     /// The agents' own maps.

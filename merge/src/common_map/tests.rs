@@ -1,6 +1,7 @@
 //! Common maps of maps without images: the truth is exact, closures are made by hand.
 
 mod agents;
+mod arranged;
 
 use super::*;
 use crate::test_support::Numbers;

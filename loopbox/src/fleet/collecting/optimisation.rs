@@ -78,7 +78,7 @@ fn write(job: &mut Job, merging: &Merging) -> Result<()> {
     job.results.start_over()?;
     let names = Names::new(&merging.common);
     let mut record = MergeRecord::new(&job.maps.inputs, merging, &job.params, &names)?;
-    write_results(&mut job.results, &job.maps.inputs, merging, &names, &mut record)?;
+    write_results(&mut job.results, &job.maps.inputs, merging, &names, None, &mut record)?;
     job.results.commit()
 }
 
