@@ -132,7 +132,8 @@ pub fn merge_maps_watched(
     let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
     let params = &options.params;
     let digests = given.digests(&inputs)?;
-    let place = options.verdicts.or(given.verdicts).or((!options.map).then(|| options.out.join(VERDICTS)));
+    let beside = || (!options.map).then(|| options.out.join(VERDICTS));
+    let place = options.verdicts.clone().or(given.verdicts.clone()).or_else(beside);
     let verdicts =
         place.as_deref().map(|place| CameraVerdicts::at(place, digests.clone(), params)).transpose()?;
     let known = (&*options.confirm, verdicts.as_ref());
