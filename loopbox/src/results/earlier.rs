@@ -101,7 +101,7 @@ fn is_result(name: &Path) -> bool {
 /// it is the new one; where none was written, the manifest that makes one; without any it is what a run left that did not end.
 pub fn map_in(folder: &Path) -> Option<(PathBuf, Option<String>)> {
     let map_of = |homes: &[[&str; 2]]| {
-        homes.into_iter().map(|[home, name]| folder.join(home).join(name)).find(|path| path.is_file())
+        homes.iter().map(|[home, name]| folder.join(home).join(name)).find(|path| path.is_file())
     };
     let whole = map_of(&[[COMPLETE, MAP], ["", MAP], [COMPLETE, MANIFEST], ["", MANIFEST]]);
     let left = map_of(&[[UNFINISHED, MAP], [UNFINISHED_BEFORE, MAP]]);
