@@ -103,6 +103,18 @@ fn a_person_confirms_a_pair_that_cannot_be_told() {
     let record: Value = serde_json::from_str(&again.stdout).unwrap();
     assert_eq!((&record[0]["confirmed"], &record[0]["answer"]), (&Value::Bool(true), &"same".into()));
 
+    // A common map that grows keeps it too.
+    let merge = |maps: [&Path; 2], out: &str, more: &[&str]| {
+        let (out, sets) = (case.path(out), ["--set", strict[0], "--set", strict[1], "--no-map"]);
+        let asked = [&["merge", arg(maps[0]), arg(maps[1]), "--out", arg(&out)][..], &sets, more].concat();
+        let outcome = loopbox(&asked);
+        outcome.assert_success();
+        assert!(outcome.stdout.contains("confirmed by a person"), "{outcome:#?}");
+        out
+    };
+    let two = merge([&left, &right], "two", &["--confirm", "left+right"]);
+    merge([&two, &elsewhere], "three", &[]);
+
     judge([&left, &elsewhere], &["--confirm", "left+elsewhere"])
         .assert_ended(1, &["--confirm left+elsewhere: they cannot be joined", "no pose between the maps"]);
     judge([&left, &right], &["--confirm", "left+nobody"]).assert_ended(1, &["they are called left, right"]);
