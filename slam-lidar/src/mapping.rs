@@ -280,7 +280,7 @@ impl Agent {
         };
         self.keyframes.push(Keyframe::new(tracked.instant, smoothed, points));
         self.tracked.push((pose, path));
-        self.determined.push(tracked.guess.directions == 0);
+        self.determined.push(tracked.guess.open == 0);
         self.drift.push(&pose, &guessed);
     }
 

@@ -7,9 +7,11 @@
 
 mod guess;
 mod search;
+mod wandering;
 
 pub use guess::Guess;
 use guess::Guessing;
+use wandering::Wandering;
 
 use crate::degeneracy::{Conditioning, WEAK_TRANSLATION, conditioning, translations};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
@@ -90,7 +92,7 @@ pub struct TrackedSweep {
     pub rmse: f64,
     /// Gauss–Newton steps taken.
     pub steps: usize,
-    /// What of the motion since the sweep before the points do not tell, but the motion model.
+    /// What of the motion since the sweep before the points do not tell, but the motion model, or tell badly.
     pub guess: Guess,
     /// Whether the sensor is not where it should be: the pose is none, and the map has nothing of the sweep.
     pub lost: bool,
@@ -107,6 +109,7 @@ pub struct Odometry {
     /// The velocity, from the second sweep on.
     velocity: Option<Velocity>,
     guessing: Guessing,
+    wandering: Wandering,
     /// Whether sweeps that contradict the map are sought elsewhere.
     seeks: bool,
     swept: usize,
@@ -155,6 +158,7 @@ impl Odometry {
             first: None,
             velocity: None,
             guessing: Guessing::default(),
+            wandering: Wandering::default(),
             seeks: true,
             swept: 0,
             shares: VecDeque::new(),
@@ -187,7 +191,9 @@ impl Odometry {
         if tracked.lost {
             return tracked;
         }
-        tracked.guess = self.guess(&sweep, &registration);
+        let guess = self.guess(&sweep, &registration);
+        let place = &tracked.world_from_sensor.translation;
+        tracked.guess = self.wandering.next(place, &registration.information, guess);
         self.learn_shares(&registration);
         if self.last.is_none() {
             self.first = Some(sweep.clone());

@@ -8,11 +8,13 @@ use crate::velocity::Velocity;
 use geometry::Se3;
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3};
 
-/// What is guessed of the motion since the sweep before.
+/// What of the motion since the sweep before is guessed, or told so badly that what it errs by has added up.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Guess {
-    /// Directions of the translation, of three, that the points leave open; 0 where nothing is guessed.
+    /// Directions of the translation, of three, that are doubtful; 0 where nothing is.
     pub directions: usize,
+    /// Of these, as many as the points of the sweep leave open. Of the others each sweep tells something.
+    pub open: usize,
     /// Metres of the translation along them.
     pub metres: f64,
     /// What all that was guessed since the last pose that was determined may err by, standard deviation, metres: a velocity that is wrong
@@ -24,7 +26,7 @@ pub struct Guess {
 }
 
 /// Standard deviation above which a pose is reported as guessed, metres: the error up to which maps of buildings count as right.
-const DOUBTFUL: f64 = 0.15;
+pub(super) const DOUBTFUL: f64 = 0.15;
 /// What is reported as guessed is so until all is known to this share of [`WEAK_TRANSLATION`], or to all of it for so many seconds: normals
 /// that lean by more than is expected of them claim to know a tunnel's axis for single sweeps.
 const DETERMINED: (f64, f64) = (0.5, 1.0);
@@ -96,6 +98,7 @@ impl Guessing {
         self.reported = self.deviation;
         Guess {
             directions: open.len(),
+            open: open.len(),
             metres: std::mem::take(&mut self.metres),
             deviation: self.deviation,
             covariance: open.iter().map(|e| e * e.transpose() * added).sum(),
