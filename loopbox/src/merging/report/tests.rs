@@ -160,7 +160,7 @@ fn evidence() -> Evidence {
 }
 
 fn evaluated(decision: Decision) -> Outcome {
-    let verdict = Verdict { evidence: evidence(), lines: Vec::new(), decision };
+    let verdict = Verdict { evidence: evidence(), lines: Vec::new(), decision, is_confirmed: false };
     Outcome::Evaluated(Box::new(EvaluatedClosure { closure: closure(), joined: None, verdict }))
 }
 
