@@ -2,7 +2,7 @@
 
 use super::{Input, Merging, Names, PairResult};
 use map::AgentId;
-use merge::acceptance::PlaceEvidence;
+use merge::acceptance::{AcceptanceParams, PlaceEvidence};
 use merge::common_map::Addresses;
 use merge::pairing::Travel;
 use merge::verification::EvaluatedClosure;
@@ -43,6 +43,9 @@ fn of_pair(inputs: &[Input], merging: Option<&Merging>, pair_result: &PairResult
     match pair_result.accepted().filter(|_| pair_result.error.is_none()) {
         Some(evaluated) => accepted(&mut text, merging, pair_result, evaluated),
         None => refused(&mut text, pair_result),
+    }
+    if pair_result.confirmed(&AcceptanceParams::default()).is_ok_and(|confirmed| confirmed.is_confirmed()) {
+        let _ = writeln!(text, "  if you know that both show one place: --confirm {first}+{second}");
     }
     text
 }
