@@ -174,11 +174,13 @@ def merge(
     *,
     force: bool = False,
     verdicts: StrPath | None = None,
+    confirm: Iterable[str] = (),
     executor: Executor | None = None,
 ) -> MergeResult:
     """Merges maps, each a map.mcap or the folder of a run, and writes the common map into the folder `out`.
 
-    Pairs that have a verdict in `verdicts`, a folder or the URI of a bucket, are not looked at again, and those of others are kept there. An
+    Pairs that have a verdict in `verdicts`, a folder or the URI of a bucket, are not looked at again, and those of others are kept there.
+    `confirm` names pairs of agents as "A+B" of which you know that both maps show one place, whatever looks otherwise. An
     `executor` (a process pool, Dask's `client.get_executor()`, any `concurrent.futures.Executor`) judges pairs beside each other; its workers
     share the folder of verdicts, which is `out` with `-verdicts` behind it where none is named.
     """
@@ -188,7 +190,7 @@ def merge(
         # Where a worker dies or a pair cannot be judged, that is said after all others are kept.
         judged = [executor.submit(_judge, a, b, os.fspath(verdicts)) for a, b, _ in _loopbox.propose(maps)]
         _all(judged)
-    met, text, record = _loopbox.merge(maps, out, force=force, verdicts=verdicts)
+    met, text, record = _loopbox.merge(maps, out, force=force, verdicts=verdicts, confirm=list(confirm))
     return MergeResult(Path(out), json.loads(record), met, text)
 
 

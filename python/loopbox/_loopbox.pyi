@@ -191,6 +191,7 @@ def merge(
     *,
     force: bool = False,
     verdicts: StrPath | None = None,
+    confirm: Sequence[str] = (),
 ) -> tuple[bool, str, str]: ...
 def propose(maps: Sequence[StrPath]) -> list[tuple[str, str, float | None]]: ...
 def verdict(

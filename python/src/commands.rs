@@ -126,22 +126,23 @@ impl Progress for Reporter {
 
 /// Merges maps; whether any two met, the verdict for people, and `merge.json`.
 #[pyfunction]
-#[pyo3(signature = (maps, out, *, force=false, verdicts=None))]
+#[pyo3(signature = (maps, out, *, force=false, verdicts=None, confirm=Vec::new()))]
 pub fn merge(
     py: Python<'_>,
     maps: Vec<PathBuf>,
     out: PathBuf,
     force: bool,
     verdicts: Option<PathBuf>,
+    confirm: Vec<String>,
 ) -> PyResult<(bool, String, String)> {
     let of_cameras = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
-        let merged =
-            merge_maps(maps, MergeOptions { force, verdicts: verdicts.clone(), ..MergeOptions::to(&out) })?;
+        let (verdicts, confirm) = (verdicts.clone(), confirm.clone());
+        let merged = merge_maps(maps, MergeOptions { force, verdicts, confirm, ..MergeOptions::to(&out) })?;
         Ok((merged.any_joined(), merged.verdict(), serde_json::to_string(&merged.record)?))
     };
     let of_lidars = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
-        let params = LidarMergeParams::default();
-        let options = LidarMergeOptions { out: out.clone(), force, params, verdicts: verdicts.clone(), confirm: Vec::new() };
+        let (params, verdicts, confirm) = (LidarMergeParams::default(), verdicts.clone(), confirm.clone());
+        let options = LidarMergeOptions { out: out.clone(), force, params, verdicts, confirm };
         let merged = lidar::merge_maps(maps, &options, &Stop::default(), &mut |_| {})?;
         let record = serde_json::to_string(&merged.record)?;
         Ok((merged.merging.any_joined(), merged.verdict(), record))

@@ -100,6 +100,9 @@ def test_maps_are_merged(runs, tmp_path):
     assert "frames tracked" in runs["parking_a"]._repr_html_()
     with pytest.raises(loopbox.LoopboxError, match="one map"):
         loopbox.merge(folders[:1], tmp_path / "none")
+    with pytest.raises(loopbox.LoopboxError, match="they are called parking_a, parking_c"):
+        loopbox.merge(folders, tmp_path / "none", confirm=["parking_a+nobody"])
+    assert loopbox.merge(folders, tmp_path / "again", confirm=["parking_a+parking_c"]).met
 
 
 def test_a_map_is_saved_and_read_again(runs, tmp_path):
