@@ -90,7 +90,10 @@ fn a_person_confirms_a_pair_that_cannot_be_told() {
         loopbox(&asked.concat())
     };
     let open = judge([&left, &right], &["--verdicts", arg(&kept)]);
-    open.assert_ended(3, &["left + right: undecided", "does not tell one place from two", "--confirm left+right"]);
+    open.assert_ended(
+        3,
+        &["left + right: undecided", "does not tell one place from two", "--confirm left+right"],
+    );
 
     let confirm = ["--verdicts", arg(&kept), "--confirm", "right+left"];
     let confirmed = judge([&left, &right], &confirm);
