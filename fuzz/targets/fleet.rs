@@ -67,7 +67,8 @@ libfuzzer_sys::fuzz_target!(|data: &[u8]| {
 /// What a neighbour found out, put beside other things and told on.
 fn check_results(bytes: &[u8]) {
     let Ok(found) = MergeResults::from_bytes(bytes) else { return };
-    let again = MergeResults::from_bytes(&found.to_bytes()).map(|again| (again.agents.len(), again.pair_verdicts));
+    let again =
+        MergeResults::from_bytes(&found.to_bytes()).map(|again| (again.agents.len(), again.pair_verdicts));
     assert_eq!(again, Ok((found.agents.len(), found.pair_verdicts.clone())));
     let all = found.clone().overlaid_by(&MergeResults::default());
     assert!(all.agents.len() <= found.agents.len() && all.accepted() == found.accepted());
