@@ -3,8 +3,8 @@
 use super::{Input, MergingParams, PairResult};
 use crate::verdicts::CameraVerdicts;
 use anyhow::{Context, Result, bail};
-use merge::acceptance::AcceptanceParams;
-use merge::verification::{Outcome, TestedPlace};
+use merge::acceptance::{AcceptanceParams, Verdict};
+use merge::verification::Outcome;
 use std::sync::Arc;
 
 /// The two inputs that `text` names as `A+B`; names may hold a `+` themselves.
@@ -43,17 +43,19 @@ pub(crate) fn confirm_pairs(
     if !asked.is_empty() && params.method.baseline().is_some() {
         bail!("--confirm joins maps by --method direct, the default");
     }
+    let params = &params.verification.acceptance;
     for pair_result in pair_results.iter_mut().filter(|pair_result| pair_result.accepted().is_none()) {
         let pair @ [a, b] = pair_result.as_given();
-        let confirmed = pair_result.confirmed(&params.verification.acceptance);
         if asked.contains(&pair) {
-            *pair_result = confirmed
+            *pair_result = pair_result
+                .confirmed(params)
                 .with_context(|| format!("--confirm {}+{}: they cannot be joined", names[a], names[b]))?;
             verdicts.map_or(Ok(()), |verdicts| verdicts.confirm(pair))?;
-        } else if let (Ok(confirmed), Some(verdicts)) = (confirmed, verdicts)
+        } else if let Some(verdicts) = verdicts
+            && pair_result.can_be_confirmed(params)
             && verdicts.is_confirmed(pair)?
         {
-            *pair_result = confirmed;
+            *pair_result = pair_result.confirmed(params)?;
         }
     }
     Ok(())
@@ -69,27 +71,34 @@ impl PairResult {
         if self.accepted().is_some() {
             return Ok(self.clone());
         }
-        let why = || self.refusal().unwrap_or_default();
-        let confirmed = |tested: &TestedPlace| -> Option<TestedPlace> {
-            let mut evaluated = tested.outcome.evaluated()?.clone();
-            evaluated.joined.as_ref()?;
-            evaluated.verdict = evaluated.verdict.confirmed(params);
-            evaluated
-                .verdict
-                .accepts()
-                .then(|| TestedPlace { outcome: Outcome::Evaluated(Box::new(evaluated)), ..tested.clone() })
+        let Some((index, verdict)) = self.confirmable(params) else {
+            let why = self.refusal().unwrap_or_default();
+            bail!("no pose between the maps passes the tests that are no matter of the place: {why}")
         };
-        let found = self.tested.iter().enumerate().filter_map(|(i, tested)| Some((i, confirmed(tested)?)));
-        // Of equals the first.
-        let best =
-            found.reduce(|best, next| if next.1.match_count > best.1.match_count { next } else { best });
-        let Some((index, best)) = best else {
-            bail!("no pose between the maps passes the tests that are no matter of the place: {}", why())
-        };
-        let joined = best.outcome.evaluated().and_then(|evaluated| evaluated.joined.clone());
         let mut tested = self.tested.to_vec();
-        tested[index] = best;
+        let mut joined = None;
+        if let Outcome::Evaluated(evaluated) = &mut tested[index].outcome {
+            evaluated.verdict = verdict;
+            joined = evaluated.joined.clone();
+        }
         Ok(Self { tested: tested.into(), joined: joined.map(Arc::new), ..self.clone() })
+    }
+
+    /// Whether they are not joined, and would be if a person said that both show one place.
+    pub(crate) fn can_be_confirmed(&self, params: &AcceptanceParams) -> bool {
+        self.accepted().is_none() && self.confirmable(params).is_some()
+    }
+
+    /// Which of the tested places they are joined at then, and the verdict there.
+    fn confirmable(&self, params: &AcceptanceParams) -> Option<(usize, Verdict)> {
+        let found = self.tested.iter().enumerate().filter_map(|(index, tested)| {
+            let evaluated = tested.outcome.evaluated().filter(|evaluated| evaluated.joined.is_some())?;
+            let verdict = evaluated.verdict.confirmed(params);
+            verdict.accepts().then_some((index, verdict))
+        });
+        let count = |(index, _): &(usize, Verdict)| self.tested[*index].match_count;
+        // Of equals the first.
+        found.reduce(|best, next| if count(&next) > count(&best) { next } else { best })
     }
 
     /// Whether they are joined because a person said that both show one place.

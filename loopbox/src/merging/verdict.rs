@@ -44,7 +44,7 @@ fn of_pair(inputs: &[Input], merging: Option<&Merging>, pair_result: &PairResult
         Some(evaluated) => accepted(&mut text, merging, pair_result, evaluated),
         None => refused(&mut text, pair_result),
     }
-    if pair_result.confirmed(&AcceptanceParams::default()).is_ok_and(|confirmed| confirmed.is_confirmed()) {
+    if pair_result.can_be_confirmed(&AcceptanceParams::default()) {
         let _ = writeln!(text, "  if you know that both show one place: --confirm {first}+{second}");
     }
     text

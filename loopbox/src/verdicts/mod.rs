@@ -255,13 +255,17 @@ impl<'a> CameraVerdicts<'a> {
         Ok(Self { kept: Verdicts::at(place)?, maps, params })
     }
 
+    /// What the verdict on two inputs is called.
+    fn key(&self, pair: [usize; 2]) -> VerdictKey {
+        VerdictKey::of_cameras(pair.map(|map| &self.maps[map]), self.params)
+    }
+
     /// What is known of two inputs.
     ///
     /// # Errors
     /// When its file cannot be read, or holds something else.
     pub fn get(&self, [a, b]: [usize; 2]) -> Result<Option<PairResult>> {
-        let key = VerdictKey::of_cameras([&self.maps[a], &self.maps[b]], self.params);
-        let kept = self.kept.get::<OfCameras>(&key)?;
+        let kept = self.kept.get::<OfCameras>(&self.key([a, b]))?;
         Ok(kept.map(|Kept { maps, verdict }| {
             let [target, source] = if maps[0] == self.maps[a] { [a, b] } else { [b, a] };
             let OfCameras { proposed, tested, joined, error } = verdict;
@@ -283,16 +287,16 @@ impl<'a> CameraVerdicts<'a> {
     ///
     /// # Errors
     /// When it cannot be written.
-    pub fn confirm(&self, [a, b]: [usize; 2]) -> Result<()> {
-        self.kept.confirm(&VerdictKey::of_cameras([&self.maps[a], &self.maps[b]], self.params))
+    pub fn confirm(&self, pair: [usize; 2]) -> Result<()> {
+        self.kept.confirm(&self.key(pair))
     }
 
     /// Whether a person said so.
     ///
     /// # Errors
     /// When that cannot be read.
-    pub fn is_confirmed(&self, [a, b]: [usize; 2]) -> Result<bool> {
-        self.kept.is_confirmed(&VerdictKey::of_cameras([&self.maps[a], &self.maps[b]], self.params))
+    pub fn is_confirmed(&self, pair: [usize; 2]) -> Result<bool> {
+        self.kept.is_confirmed(&self.key(pair))
     }
 
     /// Keeps what two inputs made of each other.
@@ -307,7 +311,7 @@ impl<'a> CameraVerdicts<'a> {
             joined: pair_result.joined.as_deref().cloned(),
             error: pair_result.error.clone(),
         };
-        self.kept.put(&VerdictKey::of_cameras(maps, self.params), maps, &verdict)
+        self.kept.put(&self.key([pair_result.target, pair_result.source]), maps, &verdict)
     }
 }
 
@@ -342,9 +346,12 @@ impl<'a> LidarVerdicts<'a> {
     /// What the verdicts on all pairs are called, or would be.
     #[cfg(feature = "fleet")]
     pub fn objects(&self) -> BTreeSet<String> {
-        let pair =
-            |[a, b]: [usize; 2]| VerdictKey::of_lidars([&self.maps[a], &self.maps[b]], self.params).object();
-        crate::merging::pairs(self.maps.len()).map(pair).collect()
+        crate::merging::pairs(self.maps.len()).map(|pair| self.key(pair).object()).collect()
+    }
+
+    /// What the verdict on two inputs is called.
+    fn key(&self, pair: [usize; 2]) -> VerdictKey {
+        VerdictKey::of_lidars(pair.map(|map| &self.maps[map]), self.params)
     }
 
     /// Keeps that a person said of two inputs, which stand in `order`, that both show one place.
@@ -352,7 +359,7 @@ impl<'a> LidarVerdicts<'a> {
     /// # Errors
     /// When it cannot be written.
     pub fn confirm(&self, order: [usize; 2]) -> Result<()> {
-        self.kept.confirm(&VerdictKey::of_lidars(order.map(|map| &self.maps[map]), self.params))
+        self.kept.confirm(&self.key(order))
     }
 
     /// Whether a person said so.
@@ -360,7 +367,7 @@ impl<'a> LidarVerdicts<'a> {
     /// # Errors
     /// When that cannot be read.
     pub fn is_confirmed(&self, order: [usize; 2]) -> Result<bool> {
-        self.kept.is_confirmed(&VerdictKey::of_lidars(order.map(|map| &self.maps[map]), self.params))
+        self.kept.is_confirmed(&self.key(order))
     }
 
     /// What is known of two inputs, which stand in `order`.
@@ -368,7 +375,7 @@ impl<'a> LidarVerdicts<'a> {
     /// # Errors
     /// When its file cannot be read, or holds something else.
     pub fn get(&self, order: [usize; 2]) -> Result<Option<slam_lidar::merging::verdict::Verdict>> {
-        let kept = self.kept.get(&VerdictKey::of_lidars(order.map(|map| &self.maps[map]), self.params))?;
+        let kept = self.kept.get(&self.key(order))?;
         Ok(kept.map(|Kept { verdict, .. }| verdict))
     }
 
@@ -378,6 +385,6 @@ impl<'a> LidarVerdicts<'a> {
     /// When it cannot be written.
     pub fn put(&self, order: [usize; 2], verdict: &slam_lidar::merging::verdict::Verdict) -> Result<()> {
         let maps = order.map(|map| &self.maps[map]);
-        self.kept.put(&VerdictKey::of_lidars(maps, self.params), maps, verdict)
+        self.kept.put(&self.key(order), maps, verdict)
     }
 }
