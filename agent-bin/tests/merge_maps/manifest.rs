@@ -21,10 +21,11 @@ fn exported(case: &Case, map: &Path) -> Vec<u8> {
 }
 
 /// What a manifest in a folder says besides where verdicts are.
-fn said(folder: &Path) -> Value {
-    let mut said: Value = serde_json::from_slice(&fs::read(folder.join("manifest.json")).unwrap()).unwrap();
-    said.as_object_mut().unwrap().remove("verdicts");
-    said
+fn content(folder: &Path) -> Value {
+    let mut content: Value =
+        serde_json::from_slice(&fs::read(folder.join("manifest.json")).unwrap()).unwrap();
+    content.as_object_mut().unwrap().remove("verdicts");
+    content
 }
 
 #[test]
@@ -46,7 +47,7 @@ fn a_manifest_makes_the_map_of_the_merge_to_the_byte() {
             fs::read_dir(&small).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         names.sort();
         assert_eq!(names, ["manifest.json", "verdicts"]);
-        assert_eq!(said(&out), said(&small));
+        assert_eq!(content(&out), content(&small));
         assert!(written == exported(&case, &small), "{name}");
         // All that a merge writes is made of it, without looking at a pair again.
         let (made, outcome) = merge(&case, &[&small], &format!("{name}-made"), options);
@@ -70,9 +71,9 @@ fn commands_that_read_maps_read_manifests() {
     let summary = |map: &Path| {
         let outcome = loopbox(&["info", arg(map), "--json"]);
         outcome.assert_success();
-        let mut said: Value = serde_json::from_str(&outcome.stdout).unwrap();
-        assert!(said.as_object_mut().unwrap().remove("file_bytes").is_some(), "{said:#}");
-        said
+        let mut content: Value = serde_json::from_str(&outcome.stdout).unwrap();
+        assert!(content.as_object_mut().unwrap().remove("file_bytes").is_some(), "{content:#}");
+        content
     };
     assert_eq!(summary(&file), summary(&manifest));
     let (apart, name) = (case.path("apart"), Path::new("left").join("map.mcap"));
@@ -103,12 +104,12 @@ fn a_manifest_grows_by_what_is_new() {
     assert_eq!((before, fs::read_dir(two.join("verdicts")).unwrap().count()), (1, 3));
     let (all, outcome) = merge(&case, &[&left, &right, &elsewhere], "all", &[]);
     outcome.assert_success();
-    assert_eq!(said(&three), said(&all));
+    assert_eq!(content(&three), content(&all));
     assert!(exported(&case, &three) == fs::read(all.join("map.mcap")).unwrap());
     // In its own folder it grows as well, and the maps of two manifests are none twice.
     let (_, outcome) = merge(&case, &[&two, &three], "two", &["--no-map"]);
     outcome.assert_success();
-    assert_eq!(said(&two), said(&three));
+    assert_eq!(content(&two), content(&three));
 }
 
 #[test]
@@ -122,7 +123,7 @@ fn a_map_that_is_left_out_leaves_nothing_behind() {
     assert!(!outcome.stderr.contains("looking where"), "{outcome:#?}");
     let (two, outcome) = merge(&case, &[&left, &right], "two", &[]);
     outcome.assert_success();
-    assert_eq!(said(&without), said(&two));
+    assert_eq!(content(&without), content(&two));
     assert!(fs::read(without.join("map.mcap")).unwrap() == fs::read(two.join("map.mcap")).unwrap());
     let refused = |names: &[&str], words: &[&str]| {
         let options: Vec<&str> = names.iter().flat_map(|name| ["--without", name]).collect();

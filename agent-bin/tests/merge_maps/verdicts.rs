@@ -78,7 +78,7 @@ fn maps_of_two_places_are_not_joined_and_the_verdict_is_kept() {
 
 /// A person settles a pair that the surface leaves open; that is kept with the verdict, and a pair without a common pose stays apart.
 #[test]
-fn a_person_confirms_a_pair_that_cannot_be_told() {
+fn a_person_confirms_a_pair_that_stays_undecided() {
     let (runs, case) = (Runs::get(), Case::new());
     let (left, right, elsewhere) = (runs.run("left"), runs.run("right"), runs.run("elsewhere"));
     let kept = case.path("verdicts");

@@ -75,7 +75,7 @@ pub struct Pair {
     grain: f32,
     relation: Relation,
     /// Whether it is a double whose images are those of the place itself, to the bit: nothing that differs is in view.
-    is_alike: bool,
+    has_same_images: bool,
     became: Became,
 }
 
@@ -122,11 +122,11 @@ fn of_place(plan: &Plan, kind: Kind, grain: f32, number: u64) -> Result<Vec<Pair
     let again = rendered(kind, &Version { time: 1, ..here }, 2 * number + 1);
     let merged = |(relation, version): (Relation, Version)| {
         let second = rendered(kind, &version, 2 * number + 1);
-        let is_alike = matches!(relation, Relation::Double(_)) && is_alike(&second, &again);
+        let has_same_images = matches!(relation, Relation::Double(_)) && has_same_images(&second, &again);
         let second = saved(&second, &home.join("second.mcap"))?;
         let record = record(plan.program, &[first.clone(), second], &home)?;
         let became = became(&record, relation).with_context(|| format!("{name} {relation:?}"))?;
-        Ok(Pair { kind, grain, relation, is_alike, became })
+        Ok(Pair { kind, grain, relation, has_same_images, became })
     };
     let pairs = doubles.into_iter().chain(same).map(merged).collect();
     std::fs::remove_dir_all(&home).with_context(|| format!("{}: cannot be removed", home.display()))?;
@@ -139,7 +139,7 @@ fn rendered(kind: Kind, version: &Version, pass: u64) -> Map {
 }
 
 /// Whether two maps of one way have the same images.
-fn is_alike(one: &Map, other: &Map) -> bool {
+fn has_same_images(one: &Map, other: &Map) -> bool {
     one.keyframes.len() == other.keyframes.len()
         && one.keyframes.values().zip(other.keyframes.values()).all(|(a, b)| a.image == b.image)
 }
@@ -181,7 +181,7 @@ fn became(record: &Value, relation: Relation) -> Result<Became> {
 
 impl std::fmt::Debug for Pair {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let alike = if self.is_alike { " (alike)" } else { "" };
+        let alike = if self.has_same_images { " (alike)" } else { "" };
         write!(f, "{:?}{alike} {:?}", self.relation, self.became)
     }
 }

@@ -6,7 +6,7 @@ use std::fmt::Write;
 
 /// How many pairs were merged wrongly, of those in which something that differs is in view.
 pub fn wrong(pairs: &[Pair]) -> usize {
-    pairs.iter().filter(|pair| pair.became == Became::Wrong && !pair.is_alike).count()
+    pairs.iter().filter(|pair| pair.became == Became::Wrong && !pair.has_same_images).count()
 }
 
 /// The section of the document: of each kind and grain, what was merged by the share that differs.
@@ -40,7 +40,7 @@ pub fn section(pairs: &[Pair], seed: u64) -> String {
         let own: Vec<&Pair> = pairs.iter().filter(|pair| of(pair.kind)).collect();
         row(&mut text, name, "", &columns, &own);
     }
-    let alike: Vec<&Pair> = pairs.iter().filter(|pair| pair.is_alike).collect();
+    let alike: Vec<&Pair> = pairs.iter().filter(|pair| pair.has_same_images).collect();
     let merged = alike.iter().filter(|pair| pair.became == Became::Wrong).count();
     let _ = writeln!(
         text,
@@ -63,8 +63,10 @@ fn kinds() -> impl Iterator<Item = (Kind, bool)> {
 fn row(text: &mut String, name: &str, grain: &str, columns: &[Relation], pairs: &[&Pair]) {
     let _ = write!(text, "| {name} | {grain} |");
     for column in columns {
-        let of = |is_alike: bool| {
-            let own = pairs.iter().filter(move |pair| pair.relation == *column && pair.is_alike == is_alike);
+        let of = |has_same_images: bool| {
+            let own = pairs
+                .iter()
+                .filter(move |pair| pair.relation == *column && pair.has_same_images == has_same_images);
             own.map(|pair| pair.became).collect::<Vec<_>>()
         };
         let (became, alike) = (of(false), of(true));
@@ -94,13 +96,18 @@ mod tests {
 
     #[test]
     fn a_row_counts_by_the_share_that_differs() {
-        let pair =
-            |relation, became| Pair { kind: Kind::Lobby, grain: 3.0, relation, is_alike: false, became };
+        let pair = |relation, became| Pair {
+            kind: Kind::Lobby,
+            grain: 3.0,
+            relation,
+            has_same_images: false,
+            became,
+        };
         let pairs = [
             pair(Relation::Double(0.05), Became::Wrong),
             pair(Relation::Double(0.05), Became::Undecided),
             pair(Relation::Double(1.0), Became::Apart),
-            Pair { is_alike: true, ..pair(Relation::Double(0.05), Became::Wrong) },
+            Pair { has_same_images: true, ..pair(Relation::Double(0.05), Became::Wrong) },
             pair(Relation::Same(0.0), Became::Right),
             pair(Relation::Same(0.2), Became::Undecided),
             pair(Relation::Same(0.2), Became::Apart),

@@ -34,7 +34,7 @@ mod tests {
     use map::Identity;
 
     #[test]
-    fn that_a_neighbour_holds_the_map_is_said_once_until_it_comes_again() {
+    fn that_a_neighbour_holds_the_map_is_reported_once_until_it_comes_again() {
         let stored = |by: &str, version| Notice::Stored {
             by: by.into(),
             agent: Identity::random([7; 16]),

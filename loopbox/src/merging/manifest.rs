@@ -221,7 +221,7 @@ impl Given {
 
     /// Puts the keyframes of groups that a manifest has where it has them: the same agents with the same closures, of the same
     /// program with the same parameters. Says which these are.
-    pub fn settle(
+    pub fn restore(
         &self,
         merging: &mut Merging,
         digests: &[MapDigest],

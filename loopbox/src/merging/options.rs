@@ -141,7 +141,7 @@ pub fn merge_maps_watched(
     let (names, provenance) = (Names::new(&merging.common), merging.provenance(&inputs, params));
     if params.joint && merging.any_joined() {
         stage("optimising the common map jointly")?;
-        let settled = given.settle(&mut merging, &digests, &provenance);
+        let settled = given.restore(&mut merging, &digests, &provenance);
         for (fused, why) in
             optimised(&mut merging.fused, &settled, params.joint_keyframes, &|| stop.requested())
         {

@@ -9,7 +9,7 @@ const HOUR: f64 = 3600.0;
 /// Until when it was said.
 #[derive(Debug, Default)]
 pub struct Milestones {
-    said_s: f64,
+    reported_s: f64,
 }
 
 /// How a run goes.
@@ -32,11 +32,11 @@ pub struct Standing {
 impl Milestones {
     /// Whether it is time to say how a run goes that has taken so many seconds; true once at each moment.
     pub fn is_due(&mut self, wall_s: f64) -> bool {
-        let first = FIRST.into_iter().find(|moment| *moment > self.said_s);
-        let next = first.unwrap_or_else(|| ((self.said_s / HOUR).floor() + 1.0) * HOUR);
+        let first = FIRST.into_iter().find(|moment| *moment > self.reported_s);
+        let next = first.unwrap_or_else(|| ((self.reported_s / HOUR).floor() + 1.0) * HOUR);
         let is_due = wall_s >= next;
         if is_due {
-            self.said_s = wall_s;
+            self.reported_s = wall_s;
         }
         is_due
     }
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_said_three_times_in_the_first_hour_and_then_once_in_each() {
+    fn it_is_reported_three_times_in_the_first_hour_and_then_once_in_each() {
         let mut milestones = Milestones::default();
         let said: Vec<u32> = (0..5 * 360)
             .map(|i| i * 10)

@@ -80,7 +80,7 @@ fn a_scale_that_only_matches_by_chance_carry_is_said_to_break() {
 
 /// Several keyframes on end are looked at, and where the scale is not carried on, often their neighbours as well.
 #[test]
-fn a_break_is_told_from_the_one_beside_it() {
+fn a_break_is_another_than_the_one_beside_it() {
     let found = |before| ScaleBreak { before: LocalMap::id(before), points: 9, inliers: 3 };
     assert!(found(4).is_apart_from(None));
     assert!(!found(4).is_apart_from(Some(LocalMap::id(4))));

@@ -6,7 +6,7 @@ use crate::degeneracy::translations;
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 /// Metres of path whose sweeps err as one: they see the same surfaces, as many as a keyframe stands for.
-const ALIKE: f64 = 1.0;
+const CORRELATED: f64 = 1.0;
 /// Metres of path over which errors add up: those that drift is stated over. With [`DOUBTFUL`], a path is doubtful whose sweeps tell their
 /// place to 0.05 m on average, as single ones are weak.
 const WINDOW: f64 = 10.0;
@@ -25,7 +25,7 @@ pub(super) struct Wandering {
     /// The mean of those before.
     mean: Matrix3<f64>,
     /// What was added since something was said, m².
-    said: Matrix3<f64>,
+    reported: Matrix3<f64>,
     /// Metres that were said, of which those that are guessed may be a part.
     metres: f64,
 }
@@ -57,7 +57,7 @@ impl Wandering {
             let (sum, count) = std::mem::take(&mut self.since);
             if count > 0.0 {
                 self.mean = sum / count;
-                added = self.mean * (step.norm() * ALIKE);
+                added = self.mean * (step.norm() * CORRELATED);
             }
             self.covariance = self.covariance * (-step.norm() / WINDOW).exp() + added;
         }
@@ -67,11 +67,12 @@ impl Wandering {
             .map(|k| eigen.eigenvectors.column(k).into_owned())
             .collect();
         if doubtful.is_empty() {
-            (self.said, self.metres) = (Matrix3::zeros(), 0.0);
+            (self.reported, self.metres) = (Matrix3::zeros(), 0.0);
             return guess;
         }
         // What led here belongs to it.
-        self.said = if self.said == Matrix3::zeros() { self.covariance } else { self.said + added };
+        self.reported =
+            if self.reported == Matrix3::zeros() { self.covariance } else { self.reported + added };
         if guess.directions > 0 {
             return guess;
         }
@@ -81,7 +82,7 @@ impl Wandering {
         Guess {
             directions: doubtful.len(),
             metres,
-            deviation: self.said.symmetric_eigenvalues().max().sqrt(),
+            deviation: self.reported.symmetric_eigenvalues().max().sqrt(),
             // Storeys look alike: the larger an error is admitted, the more of them are taken for each other.
             covariance: Matrix3::zeros(),
             open: 0,
@@ -104,7 +105,7 @@ mod tests {
     use super::*;
 
     /// Information of sweeps that tell the height to so many metres and the rest to 5 mm.
-    fn told(height: f64) -> Matrix6<f64> {
+    fn known(height: f64) -> Matrix6<f64> {
         let mut information = Matrix6::identity() * 0.005f64.powi(-2);
         information[(2, 2)] = height.powi(-2);
         information
@@ -116,14 +117,14 @@ mod tests {
         (0..=200).map(|k| Vector3::new(1.0, 0.0, 1.0) * (0.1 * f64::from(k) * 0.5f64.sqrt())).fold(
             (0.0, 0.0),
             |(metres, deviation), place| {
-                let said = wandering.next(&place, &told(height), Guess::default());
+                let said = wandering.next(&place, &known(height), Guess::default());
                 (metres + said.metres, f64::max(deviation, said.deviation))
             },
         )
     }
 
     #[test]
-    fn what_each_sweep_tells_badly_adds_up_and_is_said() {
+    fn what_each_sweep_tells_badly_adds_up_and_is_reported() {
         let (metres, deviation) = walked(0.07);
         // After 6 m 0.07 m a metre have come to 0.15 m; what is up of the rest is doubtful.
         assert!((metres - 0.7 * 14.0).abs() < 1.0, "{metres}");
@@ -136,12 +137,12 @@ mod tests {
         let mut wandering = Wandering::default();
         for k in 0..2000 {
             let place = Vector3::z() * (0.1 * f64::from(k % 2));
-            assert_eq!(wandering.next(&place, &told(0.1), Guess::default()), Guess::default());
+            assert_eq!(wandering.next(&place, &known(0.1), Guess::default()), Guess::default());
         }
     }
 
     #[test]
-    fn what_is_guessed_is_said_once() {
+    fn what_is_guessed_is_reported_once() {
         let mut wandering = Wandering::default();
         let guess = Guess { directions: 1, metres: 0.1, open: 1, ..Guess::default() };
         for k in 0..200 {

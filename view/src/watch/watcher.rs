@@ -243,7 +243,7 @@ mod tests {
 
     /// The map before is what the warning is of, and its results stay.
     #[test]
-    fn a_scale_that_was_not_carried_on_is_shown_until_the_run_begins_again() {
+    fn a_scale_that_was_not_carried_on_is_displayed_until_the_run_begins_again() {
         let camera = Pinhole { width: 4, height: 3, fx: 2.0, fy: 2.0, cx: 1.5, cy: 1.0 };
         let shared = Shared::new(Scene::default(), None);
         let mut watcher = Watcher::new(camera, Status::default());
