@@ -1,4 +1,4 @@
-//! The vocabulary's file: little-endian, checksummed.
+//! The vocabulary's file: little-endian, checksummed, compressed by zlib (RFC 1950). Files that are not compressed are read as well.
 //!
 //! | bytes | what |
 //! |---|---|
@@ -13,16 +13,28 @@
 use super::chow_liu::Tie;
 use super::tree::Tree;
 use super::{Vocabulary, VocabularyError};
+use miniz_oxide::deflate::compress_to_vec_zlib;
+use miniz_oxide::inflate::{TINFLStatus, decompress_to_vec_zlib_with_limit};
+use std::borrow::Cow;
 
 /// The version written; others are refused.
 const VERSION: u32 = 1;
 const MAGIC: &[u8; 8] = b"LBVOCAB\0";
 const HEADER: usize = 16;
 const NO_PARENT: u32 = u32::MAX;
+/// Most bytes of a file, uncompressed: two million words.
+const MAX_BYTES: usize = 1 << 28;
+/// Level of compression: the smallest file.
+const LEVEL: u8 = 10;
 
 impl Vocabulary {
     /// The vocabulary as the bytes of a file.
     pub fn to_bytes(&self) -> Vec<u8> {
+        compress_to_vec_zlib(&self.to_plain_bytes(), LEVEL)
+    }
+
+    /// The file's bytes before they are compressed.
+    pub(super) fn to_plain_bytes(&self) -> Vec<u8> {
         let mut body = Vec::new();
         for count in [self.tree.centres.len(), self.tree.words(), self.images as usize] {
             body.extend((count as u32).to_le_bytes());
@@ -46,9 +58,7 @@ impl Vocabulary {
     /// # Errors
     /// When the bytes are not a vocabulary, are of another version, were cut short or changed.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, VocabularyError> {
-        if bytes.len() < MAGIC.len() || &bytes[..MAGIC.len()] != MAGIC {
-            return Err(VocabularyError::NotAVocabulary);
-        }
+        let bytes = inflated(bytes)?;
         let mut header = Reader(&bytes[MAGIC.len()..]);
         let (version, checksum) = (header.number()?, header.number()?);
         if version != VERSION {
@@ -83,6 +93,21 @@ impl Vocabulary {
         }
         Ok(Self::assembled(tree, images, counts, ties))
     }
+}
+
+/// The bytes of a file uncompressed: of one that was cut short those that are there.
+fn inflated(bytes: &[u8]) -> Result<Cow<'_, [u8]>, VocabularyError> {
+    if bytes.starts_with(MAGIC) {
+        return Ok(Cow::Borrowed(bytes));
+    }
+    let (inflated, is_damaged) = match decompress_to_vec_zlib_with_limit(bytes, MAX_BYTES) {
+        Ok(inflated) => (inflated, false),
+        Err(error) => (error.output, error.status != TINFLStatus::FailedCannotMakeProgress),
+    };
+    if !inflated.starts_with(MAGIC) {
+        return Err(VocabularyError::NotAVocabulary);
+    }
+    if is_damaged { Err(VocabularyError::Damaged) } else { Ok(Cow::Owned(inflated)) }
 }
 
 /// Takes values off the front.

@@ -70,7 +70,7 @@ impl Default for TrainParams {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum VocabularyError {
     /// The file is something else.
-    #[error("not a vocabulary: it does not begin with LBVOCAB")]
+    #[error("not a vocabulary: it does not begin with LBVOCAB, compressed or not")]
     NotAVocabulary,
     /// Written by another loopbox.
     #[error("the vocabulary has version {found}, this loopbox reads version {expected}; train it again")]

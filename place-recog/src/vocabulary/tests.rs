@@ -2,6 +2,7 @@ use super::chow_liu::Occurrence;
 use super::*;
 use crate::features::Keypoint;
 use geometry::Random;
+use miniz_oxide::deflate::compress_to_vec_zlib;
 
 /// Features around `kinds` different descriptors, each a little changed; the same seed gives the same.
 pub(crate) fn image(kinds: &[u64], each: usize, seed: u64) -> Features {
@@ -61,15 +62,18 @@ fn rare_words_weigh_more() {
 #[test]
 fn a_file_gives_the_vocabulary_back() {
     let vocabulary = trained(1);
+    assert!(vocabulary.to_bytes().len() < vocabulary.to_plain_bytes().len());
+    assert_eq!(Vocabulary::from_bytes(&vocabulary.to_plain_bytes()).as_ref(), Ok(&vocabulary));
     assert_eq!(Vocabulary::from_bytes(&vocabulary.to_bytes()), Ok(vocabulary));
 }
 
 #[test]
 fn damage_is_named() {
-    let bytes = trained(1).to_bytes();
+    let bytes = trained(1).to_plain_bytes();
     let read = |bytes: &[u8]| Vocabulary::from_bytes(bytes).unwrap_err();
     assert_eq!(read(b""), VocabularyError::NotAVocabulary);
     assert_eq!(read(b"%PDF-1.5 and so on"), VocabularyError::NotAVocabulary);
+    assert_eq!(read(&compress_to_vec_zlib(b"LBVOCAB but no more", 6)), VocabularyError::NotAVocabulary);
     for length in [8, 13, 20, bytes.len() / 2, bytes.len() - 1] {
         assert!(matches!(read(&bytes[..length]), VocabularyError::Truncated { .. }), "{length}");
     }
@@ -87,9 +91,19 @@ fn damage_is_named() {
 }
 
 #[test]
+fn damage_of_a_compressed_file_is_named() {
+    let bytes = trained(1).to_bytes();
+    let cut = Vocabulary::from_bytes(&bytes[..bytes.len() / 2]);
+    assert!(matches!(cut, Err(VocabularyError::Truncated { .. })), "{cut:?}");
+    let mut changed = bytes;
+    *changed.last_mut().unwrap() ^= 1;
+    assert_eq!(Vocabulary::from_bytes(&changed), Err(VocabularyError::Damaged));
+}
+
+#[test]
 fn counts_that_no_tree_has_are_damage_even_with_a_right_checksum() {
     for at in 28..32 {
-        let mut bytes = trained(1).to_bytes();
+        let mut bytes = trained(1).to_plain_bytes();
         bytes[at] = 200;
         let checksum = crc32fast::hash(&bytes[16..]);
         bytes[12..16].copy_from_slice(&checksum.to_le_bytes());
@@ -107,7 +121,7 @@ fn too_few_images_are_refused() {
 
 #[test]
 fn the_shipped_vocabulary_is_whole_and_small() {
-    assert!(include_bytes!("shipped.vocabulary").len() <= 5_000_000);
+    assert!(include_bytes!("shipped.vocabulary").len() <= 3_000_000);
     let vocabulary = Vocabulary::shipped();
     assert!(vocabulary.len() >= 5000, "{} words", vocabulary.len());
     assert!(vocabulary.training_images() >= 500);
