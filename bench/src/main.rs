@@ -77,6 +77,9 @@ struct Args {
     /// after things were moved: --only names kinds
     #[arg(long, value_name = "PLACES", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers"])]
     doubles: Option<u64>,
+    /// With --doubles: days between the two maps, as the program is told
+    #[arg(long, value_name = "DAYS", default_value_t = 0.0, requires = "doubles")]
+    days_apart: f64,
     /// Measure only rendered recordings of so many seeds to which something happens: --only names what
     #[arg(long, value_name = "SEEDS", conflicts_with_all = ["merges", "live", "perturbed", "lidar", "long", "fleet", "strangers", "doubles"])]
     faults: Option<u64>,
@@ -312,11 +315,13 @@ fn measure_strangers(args: &Args, pairs: usize) -> Result<()> {
 /// Measures merges of places and their doubles.
 fn measure_doubles(args: &Args, places: u64) -> Result<()> {
     let program = merging::Program { loopbox: args.loopbox.clone() };
-    let (work, seed, only) = (&args.work, args.seed, &args.only);
-    let pairs = doubles::measure(&doubles::Plan { program: &program, work, places, seed, only })?;
-    let text = doubles::section(&pairs, seed);
+    let (work, seed, only, days_apart) = (&args.work, args.seed, &args.only, args.days_apart);
+    let plan = doubles::Plan { program: &program, work, places, seed, only, days_apart };
+    let pairs = doubles::measure(&plan)?;
+    let text = doubles::section(&pairs, seed, days_apart);
     if only.is_empty() {
-        write(&args.documents, &[("doubles", text)])?;
+        let name = if days_apart > 0.0 { "doubles-later" } else { "doubles" };
+        write(&args.documents, &[(name, text)])?;
     } else {
         println!("{text}");
     }

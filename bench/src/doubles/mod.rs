@@ -28,8 +28,10 @@ const NOISE: f64 = 2.0;
 const GRAINS: [f32; 2] = [0.0, 3.0];
 /// Shares of their things in which doubles differ.
 const DIFFERING: [f64; 4] = [0.05, 0.1, 0.3, 1.0];
-/// Shares of its things that were moved in a place that is seen again.
+/// Shares of its things that were moved in a place that is seen again the same day.
 const MOVED: [f64; 3] = [0.0, 0.05, 0.2];
+/// The same days later.
+const MOVED_LATER: [f64; 5] = [0.05, 0.1, 0.2, 0.3, 0.5];
 /// A merge of one place is wrong when it is farther off, metres and radians (3°): the maps' worlds are one.
 const OFF: [f64; 2] = [0.1, 0.052];
 
@@ -45,6 +47,25 @@ pub struct Plan<'a> {
     pub seed: u64,
     /// Names of kinds; all where there are none.
     pub only: &'a [String],
+    /// Days between the maps, as the program is told. With more than none only places with a grain of their own are measured: of the
+    /// others nothing is promised.
+    pub days_apart: f64,
+}
+
+impl Plan<'_> {
+    /// Shares of its things that were moved in a place that is seen again.
+    fn moved(&self) -> &'static [f64] {
+        moved(self.days_apart)
+    }
+
+    fn grains(&self) -> &'static [f32] {
+        if self.days_apart > 0.0 { &GRAINS[1..] } else { &GRAINS }
+    }
+}
+
+/// Shares of its things that were moved in a place that is seen again so many days later.
+fn moved(days_apart: f64) -> &'static [f64] {
+    if days_apart > 0.0 { &MOVED_LATER } else { &MOVED }
 }
 
 /// What a pair of maps is.
@@ -94,7 +115,7 @@ pub fn measure(plan: &Plan) -> Result<Vec<Pair>> {
     }
     let jobs: Vec<(Kind, f32, u64)> = kinds
         .iter()
-        .flat_map(|&kind| GRAINS.into_iter().map(move |grain| (kind, grain)))
+        .flat_map(|&kind| plan.grains().iter().map(move |&grain| (kind, grain)))
         .flat_map(|(kind, grain)| (0..plan.places).map(move |number| (kind, grain, number)))
         .collect();
     let pairs = side_by_side(&jobs, |&(kind, grain, number)| {
@@ -118,13 +139,13 @@ fn of_place(plan: &Plan, kind: Kind, grain: f32, number: u64) -> Result<Vec<Pair
     let home = plan.work.join("doubles").join(&name);
     let first = saved(&rendered(kind, &here, 2 * number), &home.join("first.mcap"))?;
     let doubles = DIFFERING.map(|share| (Relation::Double(share), Version { place: 1, share, ..here }));
-    let same = MOVED.map(|moved| (Relation::Same(moved), Version { time: 1, moved, ..here }));
+    let same = plan.moved().iter().map(|&moved| (Relation::Same(moved), Version { time: 1, moved, ..here }));
     let again = rendered(kind, &Version { time: 1, ..here }, 2 * number + 1);
     let merged = |(relation, version): (Relation, Version)| {
         let second = rendered(kind, &version, 2 * number + 1);
         let has_same_images = matches!(relation, Relation::Double(_)) && has_same_images(&second, &again);
         let second = saved(&second, &home.join("second.mcap"))?;
-        let record = record(plan.program, &[first.clone(), second], &home)?;
+        let record = record(plan, &[first.clone(), second], &home)?;
         let became = became(&record, relation).with_context(|| format!("{name} {relation:?}"))?;
         Ok(Pair { kind, grain, relation, has_same_images, became })
     };
@@ -154,11 +175,13 @@ fn saved(map: &Map, file: &Path) -> Result<PathBuf> {
 }
 
 /// merge.json of two maps.
-fn record(program: &Program, maps: &[PathBuf], home: &Path) -> Result<Value> {
-    let params = home.join("defaults.toml");
-    std::fs::write(&params, "").with_context(|| format!("{}: cannot be written", params.display()))?;
+fn record(plan: &Plan, maps: &[PathBuf], home: &Path) -> Result<Value> {
+    let params = home.join("params.toml");
+    let days_apart = format!("[further.place.prior]\ndays_apart = {:?}\n", plan.days_apart);
+    std::fs::write(&params, days_apart)
+        .with_context(|| format!("{}: cannot be written", params.display()))?;
     let out = home.join("merged");
-    let record = program.record(maps, &out, &params)?;
+    let record = plan.program.record(maps, &out, &params)?;
     if out.is_dir() {
         std::fs::remove_dir_all(&out).with_context(|| format!("{}: cannot be removed", out.display()))?;
     }

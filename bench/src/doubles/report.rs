@@ -1,6 +1,6 @@
 //! What is said of places and their doubles.
 
-use super::{Became, DIFFERING, GRAINS, KEYFRAMES, MOVED, NOISE, Pair, Relation, name_of};
+use super::{Became, DIFFERING, GRAINS, KEYFRAMES, NOISE, Pair, Relation, moved, name_of};
 use loopbox_tests::doubles::Kind;
 use std::fmt::Write;
 
@@ -10,11 +10,13 @@ pub fn wrong(pairs: &[Pair]) -> usize {
 }
 
 /// The section of the document: of each kind and grain, what was merged by the share that differs.
-pub fn section(pairs: &[Pair], seed: u64) -> String {
+pub fn section(pairs: &[Pair], seed: u64, days_apart: f64) -> String {
+    let moved = moved(days_apart).iter().copied();
     let columns: Vec<Relation> =
-        DIFFERING.map(Relation::Double).into_iter().chain(MOVED.map(Relation::Same)).collect();
+        DIFFERING.into_iter().map(Relation::Double).chain(moved.map(Relation::Same)).collect();
+    let apart = if days_apart > 0.0 { format!(" (`--days-apart {days_apart}`)") } else { String::new() };
     let mut text = format!(
-        "Seed {seed}, exact maps of {KEYFRAMES} keyframes, image noise of {NOISE} grey levels, each pair by itself. *Two*: two places, of which \
+        "Seed {seed}, exact maps of {KEYFRAMES} keyframes, image noise of {NOISE} grey levels, each pair by itself{apart}. *Two*: two places, of which \
          such a share of the things differs, merged (wrongly) of so many; *alike* those whose images are the place's own to the bit, as nothing \
          that differs is in view. *One*: one place, of which such a share of the things was moved, \
          merged rightly of so many; what is not merged is undecided, or behind a slash refused. *Grain*: what each surface has of its \
@@ -31,6 +33,9 @@ pub fn section(pairs: &[Pair], seed: u64) -> String {
     for (kind, is_held_out) in kinds().filter(|(kind, _)| pairs.iter().any(|pair| pair.kind == *kind)) {
         for grain in GRAINS {
             let own: Vec<&Pair> = pairs.iter().filter(of_kind(kind)).filter(|p| p.grain == grain).collect();
+            if own.is_empty() {
+                continue;
+            }
             let name = if is_held_out { format!("**{}**", name_of(kind)) } else { name_of(kind) };
             row(&mut text, &name, &grain.to_string(), &columns, &own);
         }
@@ -112,7 +117,7 @@ mod tests {
             pair(Relation::Same(0.2), Became::Undecided),
             pair(Relation::Same(0.2), Became::Apart),
         ];
-        let text = section(&pairs, 7);
+        let text = section(&pairs, 7, 0.0);
         let row = "| **lobby** | 3 | 1 of 2, alike 1 of 1 | 0 of 0 | 0 of 0 | 0 of 1 | 1 of 1 | 0 of 0 | 0 of 2 / 1 |";
         assert!(text.contains(row), "{text}");
         assert!(text.contains("Merged wrongly: 1 of 6 pairs, and 1 of 1 doubles that are alike."), "{text}");
