@@ -6,9 +6,10 @@
 //! along both maps, a wrong one fails nearly everywhere but where it came from: what became of the pairs is evidence
 //! for [`acceptance`](crate::acceptance), and so is what the keyframes see that they should not see, or miss.
 
+mod edges;
+
 use crate::closure::Closure;
 use crate::direct::refine_directly;
-use crate::estimate::Estimate;
 use crate::overlap::{Glimpse, Placed};
 use crate::place_verdict::{PlaceParams, PlaceVerdict, place_verdict};
 use crate::prepared::PreparedMap;
@@ -16,9 +17,10 @@ use backend::posegraph::{ConsistencyParams, MapGraph, PoseGraphError, consistent
 use backend::sim3_align::{
     CompareParams, Comparison, PatchComparison, PatchParams, Sim3AlignParams, compare, compare_patches,
 };
+use edges::{allow, edge, information_at, motion_by, nearest, nearest_motion};
 use geometry::Sim3;
-use map::{Edge, EdgeKind, KeyframeId};
-use nalgebra::{SMatrix, SVector};
+use map::{Edge, KeyframeId};
+use nalgebra::SMatrix;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -265,38 +267,6 @@ fn fresh_pairs(
     spread(pairs, params.max_closures, &known)
 }
 
-/// Of edges the one whose keyframe is named nearest to this one, of equals the earlier: an agent's keyframes are numbered as it takes
-/// them, and of two as near in time the maps drift least.
-fn nearest(edges: &[Edge], keyframe: impl Fn(&Edge) -> KeyframeId, to: KeyframeId) -> Option<&Edge> {
-    edges.iter().min_by_key(|edge| (keyframe(edge).0.abs_diff(to.0), keyframe(edge)))
-}
-
-/// target_world_from_source_world by the edge whose keyframes are named nearest to those of a pair.
-fn nearest_motion(
-    source: &PreparedMap,
-    target: &PreparedMap,
-    edges: &[Edge],
-    (i, j): (KeyframeId, KeyframeId),
-) -> Option<Sim3> {
-    let apart = |edge: &&Edge| edge.to.0.abs_diff(i.0).min(edge.from.0.abs_diff(j.0));
-    motion_by(source, target, edges.iter().min_by_key(apart)?)
-}
-
-/// target_world_from_source_world as an edge has it.
-fn motion_by(source: &PreparedMap, target: &PreparedMap, edge: &Edge) -> Option<Sim3> {
-    Some(target.world_from(edge.from)? * edge.from_from_to * source.world_from(edge.to)?.inverse())
-}
-
-/// What edges know together of a motion where one keyframe of the target is; `from_edge` leads there from the keyframe of an
-/// edge, of which it gives nothing where that has no pose.
-fn information_at(edges: &[&Edge], from_edge: impl Fn(&Edge) -> Option<Sim3>) -> SMatrix<f64, 7, 7> {
-    let carried = |edge: &&Edge| {
-        let known = Estimate { a_from_b: edge.from_from_to, information: edge.information };
-        Some(known.carried(&from_edge(edge)?, &Sim3::identity())?.information)
-    };
-    edges.iter().filter_map(carried).sum()
-}
-
 /// The edges of pairs that can be aligned from where the motion of the maps puts them; of those that cannot, from where
 /// the nearest one that could puts them. Maps drift: far from the first closure its motion is no start.
 fn align(
@@ -372,35 +342,6 @@ fn see_patches(
     Some(found.plus(compare_patches(b, a, &back, &params.compare, &params.patches)))
 }
 
-/// The edge of an aligned pair, from the target's keyframe.
-fn edge(source: KeyframeId, target: KeyframeId, target_from_source: Estimate) -> Edge {
-    Edge {
-        from: target,
-        to: source,
-        from_from_to: target_from_source.a_from_b,
-        information: target_from_source.information,
-        kind: EdgeKind::Merge,
-    }
-}
-
-/// Adds to the uncertainty of an edge what [`FurtherParams::drift`] allows.
-fn allow(edge: &mut Edge, target: &PreparedMap, drift: &[f64; 3]) {
-    let Some(covariance) = edge.information.try_inverse() else { return };
-    let reach = reach(target, edge.from).unwrap_or(0.0);
-    let [translation, rotation, scale] =
-        [drift[0] * reach, drift[1], drift[2]].map(|deviation| deviation.powi(2));
-    let allowed = SVector::from([translation, translation, translation, rotation, rotation, rotation, scale]);
-    let information = (covariance + SMatrix::from_diagonal(&allowed)).try_inverse();
-    edge.information = information.map_or(edge.information, |found| (found + found.transpose()) * 0.5);
-}
-
-/// The median distance of what a keyframe sees, its unit.
-fn reach(map: &PreparedMap, id: KeyframeId) -> Option<f64> {
-    let mut distances: Vec<f64> = Glimpse::of(map, id)?.points.iter().map(|point| point.norm()).collect();
-    distances.sort_by(f64::total_cmp);
-    distances.get(distances.len() / 2).copied()
-}
-
 fn nodes(map: &PreparedMap) -> BTreeMap<KeyframeId, Sim3> {
     map.map().keyframes.iter().map(|(id, keyframe)| (*id, keyframe.world_from_keyframe)).collect()
 }
@@ -459,54 +400,4 @@ fn spread(
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn pairs(count: u32) -> Vec<(KeyframeId, KeyframeId)> {
-        (0..count).map(|k| (KeyframeId(k), KeyframeId(100 + k))).collect()
-    }
-
-    fn sources(pairs: Vec<(KeyframeId, KeyframeId)>) -> Vec<u32> {
-        pairs.into_iter().map(|(source, _)| source.0).collect()
-    }
-
-    #[test]
-    fn pairs_are_spread_from_end_to_end() {
-        assert_eq!(sources(spread(pairs(9), 3, &[])), [0, 4, 8]);
-        assert_eq!(sources(spread(pairs(10), 4, &[])), [0, 3, 6, 9]);
-        assert_eq!(sources(spread(pairs(3), 8, &[])), [0, 1, 2]);
-        assert_eq!(sources(spread(pairs(3), 1, &[])), [0]);
-        assert!(spread(pairs(3), 0, &[]).is_empty() && spread(pairs(0), 0, &[]).is_empty());
-    }
-
-    /// Where an edge is, all that it knows counts; from farther away its turns blur the motion, and its own offset does not.
-    #[test]
-    fn edges_know_less_of_a_motion_far_away() {
-        let estimate = Estimate { a_from_b: Sim3::identity(), information: SMatrix::identity() };
-        let edge = edge(KeyframeId(0), KeyframeId(100), estimate);
-        let from = |x: f64| Sim3 { translation: nalgebra::Vector3::new(x, 0.0, 0.0), ..Sim3::identity() };
-        let deviations = |edges: &[&Edge], x: f64| {
-            let covariance = information_at(edges, |_| Some(from(x))).try_inverse().unwrap();
-            covariance.diagonal().map(f64::sqrt)
-        };
-        let (here, twice) = (deviations(&[&edge], 0.0), deviations(&[&edge, &edge], 0.0));
-        assert!((here - SVector::repeat(1.0)).norm() < 1e-12);
-        assert!((twice - SVector::repeat(0.5f64.sqrt())).norm() < 1e-12);
-        let there = deviations(&[&edge], 3.0);
-        // What is left unknown of the turn moves it aside, of the scale along the way.
-        let offset = 10f64.sqrt();
-        assert!(
-            (there - SVector::from([offset, offset, offset, 1.0, 1.0, 1.0, 1.0])).norm() < 1e-9,
-            "{there}"
-        );
-        assert_eq!(information_at(&[&edge], |_| None), SMatrix::<f64, 7, 7>::zeros());
-    }
-
-    #[test]
-    fn pairs_with_an_edge_are_not_tested_again() {
-        let estimate = Estimate { a_from_b: Sim3::identity(), information: SMatrix::identity() };
-        let known =
-            [edge(KeyframeId(0), KeyframeId(100), estimate), edge(KeyframeId(1), KeyframeId(102), estimate)];
-        assert_eq!(sources(spread(pairs(4), 8, &known)), [1, 2, 3]);
-    }
-}
+mod tests;

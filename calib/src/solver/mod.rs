@@ -5,6 +5,7 @@
 //! determine the camera.
 
 mod bundle;
+mod calibration;
 mod check;
 mod initial;
 mod model;
@@ -15,9 +16,10 @@ mod refusal;
 pub(crate) mod tests;
 mod uncertainty;
 
+pub use calibration::{Calibration, FittedCorner, FittedView};
 pub use check::{Check, check};
 pub use model::LensModel;
-pub use pipeline::{Calibration, FittedCorner, FittedView, SolverParams, calibrate};
+pub use pipeline::{SolverParams, calibrate};
 pub use refusal::Refusal;
 pub use uncertainty::Estimate;
 

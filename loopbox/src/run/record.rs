@@ -1,18 +1,23 @@
 //! The numbers of a run: what `run.json` holds and the report shows.
 
+mod cost;
+mod frame_row;
+
+pub use cost::{Cost, Latency};
+pub use frame_row::{FrameRow, state_name};
+
 use crate::run::diagnosis::WithoutDepth;
 use crate::run::fragment_record::Fragment;
 use crate::run::resuming::Resumed;
-use geometry::{Camera, Pinhole, Se3};
+use geometry::{Camera, Pinhole};
 use map::StampedPose;
-use serde::{Serialize, Serializer};
-use slam_direct::{Claim, FrameReport, LeftOut, Params, TrackingState};
+use serde::Serialize;
+use slam_direct::{LeftOut, Params};
 use sources::SourceInfo;
 use sources::ahead::SkipReason;
 use sources::correction::ImageCorrection;
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
-use view::report;
 
 /// Everything counted and measured in one run.
 #[derive(Clone, Debug, Serialize)]
@@ -259,46 +264,6 @@ impl FrameCounts {
     }
 }
 
-/// Time and memory.
-#[derive(Clone, Debug, Default, Serialize)]
-pub struct Cost {
-    /// Seconds from the first frame to the finished map.
-    pub wall_s: f64,
-    /// CPU seconds of all threads, decoding included.
-    pub cpu_s: Option<f64>,
-    /// Processed frames per wall second.
-    pub frames_per_s: f64,
-    /// Mean time the agent took for a frame, milliseconds.
-    pub mean_ms: f64,
-    /// 99th percentile of it.
-    pub p99_ms: f64,
-    /// The longest.
-    pub max_ms: f64,
-    /// Largest resident memory of the process, bytes.
-    pub peak_memory_bytes: Option<u64>,
-    /// How old images were when their pose was known; of cameras and with `--realtime`.
-    pub latency_ms: Option<Latency>,
-}
-
-/// From the moment an image is taken (in a replay by time stamps: is due) until its pose is known, milliseconds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Latency {
-    /// Half of the frames are faster.
-    pub median: f64,
-    /// 99th percentile.
-    pub p99: f64,
-    /// The longest.
-    pub max: f64,
-}
-
-impl Latency {
-    /// Of frames that took so long each; `None` without frames.
-    pub fn of(mut ms: Vec<f64>) -> Option<Self> {
-        ms.sort_by(f64::total_cmp);
-        Some(Self { median: percentile(&ms, 50)?, p99: percentile(&ms, 99)?, max: *ms.last()? })
-    }
-}
-
 /// A number with commas between thousands, as the pages write them.
 fn grouped(number: u64) -> String {
     let digits = number.to_string();
@@ -310,11 +275,6 @@ fn grouped(number: u64) -> String {
         out.push(digit);
     }
     out
-}
-
-/// The nearest-rank percentile of sorted values: the smallest that `percent` % of them do not exceed.
-fn percentile(sorted: &[f64], percent: usize) -> Option<f64> {
-    sorted.get((sorted.len() * percent).div_ceil(100).saturating_sub(1)).copied()
 }
 
 /// What the map holds.
@@ -351,107 +311,6 @@ pub fn handed_out(rows: &[FrameRow]) -> Vec<StampedPose> {
     of_most.map(|(_, timestamp, world_from_camera)| StampedPose { timestamp, world_from_camera }).collect()
 }
 
-/// One processed frame.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct FrameRow {
-    /// Index in the recording.
-    pub index: u64,
-    /// Seconds, as recorded.
-    pub timestamp: f64,
-    /// The fragment it was given to, in the order in which they were begun.
-    pub fragment: usize,
-    /// State after the frame.
-    #[serde(serialize_with = "state_as_name")]
-    pub state: TrackingState,
-    /// Time the agent took, milliseconds.
-    pub ms: f64,
-    /// From the moment the image was taken or due until its pose was known, milliseconds.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub latency_ms: Option<f64>,
-    /// Share of the predicted points that were matched, 0–1.
-    pub inlier_share: f32,
-    /// Root mean square photometric residual, grey levels.
-    pub rmse: f32,
-    /// Points matched.
-    pub matched_points: usize,
-    /// Keyframe made from it.
-    pub keyframe: Option<u32>,
-    /// Loop closed after it: newer and older keyframe.
-    pub loop_closed: Option<(u32, u32)>,
-    /// Whether it was found where no motion leads to, and is not decided yet to show the place: it has a pose once it is.
-    #[serde(skip_serializing_if = "std::ops::Not::not")]
-    pub on_trial: bool,
-    /// world_from_camera as it was handed out after the frame, in the fragment's world as it was then; nothing where the frame
-    /// was not found. Later frames and loops move poses; who steers a robot has had this one.
-    #[serde(skip)]
-    pub handed_out: Option<Se3>,
-}
-
-impl FrameRow {
-    /// The row of a frame and its report.
-    pub fn new(index: u64, timestamp: f64, ms: f64, report: &FrameReport) -> Self {
-        Self {
-            index,
-            timestamp,
-            fragment: report.fragment,
-            state: report.state,
-            ms,
-            latency_ms: None,
-            inlier_share: report.inlier_share,
-            rmse: report.rmse,
-            matched_points: report.matched_points,
-            keyframe: report.new_keyframe.map(|id| id.0),
-            loop_closed: report.closed_loop.map(|(newer, older)| (newer.0, older.0)),
-            on_trial: report.claim.is_some_and(|claim| claim != Claim::Accepted),
-            handed_out: report.world_from_camera,
-        }
-    }
-
-    /// The row as the report plots it.
-    pub fn for_report(&self) -> report::FrameRow {
-        report::FrameRow {
-            frame_index: self.index,
-            timestamp: self.timestamp,
-            ms: self.ms as f32,
-            matched_points: self.matched_points,
-            inlier_share: self.inlier_share,
-            rmse: self.rmse,
-            state: self.state,
-        }
-    }
-}
-
-fn state_as_name<S: Serializer>(state: &TrackingState, serializer: S) -> Result<S::Ok, S::Error> {
-    serializer.serialize_str(state_name(*state))
-}
-
-/// The state as people and logs read it.
-pub fn state_name(state: TrackingState) -> &'static str {
-    match state {
-        TrackingState::Starting => "starting",
-        TrackingState::Tracking => "tracking",
-        TrackingState::Lost => "lost",
-    }
-}
-
-impl Cost {
-    /// The cost of frames that took `ms` each, in a run of `wall_s` seconds.
-    pub fn new(mut ms: Vec<f64>, wall_s: f64, cpu_s: Option<f64>, peak_memory_bytes: Option<u64>) -> Self {
-        ms.sort_by(f64::total_cmp);
-        let count = ms.len();
-        Self {
-            wall_s,
-            cpu_s,
-            frames_per_s: if wall_s > 0.0 { count as f64 / wall_s } else { 0.0 },
-            mean_ms: if count > 0 { ms.iter().sum::<f64>() / count as f64 } else { 0.0 },
-            p99_ms: percentile(&ms, 99).unwrap_or(0.0),
-            max_ms: ms.last().copied().unwrap_or(0.0),
-            peak_memory_bytes,
-            latency_ms: None,
-        }
-    }
-}
-
 impl MapCounts {
     /// Counts what `map` holds.
     pub fn new(map: &map::Map) -> Self {
@@ -466,72 +325,4 @@ impl MapCounts {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::{UnitQuaternion, Vector3};
-
-    #[test]
-    fn poses_handed_out_are_those_of_one_world() {
-        let row = |fragment: usize, second: u32, x: f64| FrameRow {
-            index: u64::from(second),
-            timestamp: f64::from(second),
-            fragment,
-            state: TrackingState::Tracking,
-            ms: 1.0,
-            latency_ms: None,
-            inlier_share: 1.0,
-            rmse: 1.0,
-            matched_points: 100,
-            keyframe: None,
-            on_trial: false,
-            loop_closed: None,
-            handed_out: Some(Se3::new(UnitQuaternion::identity(), Vector3::new(x, 0.0, 0.0))),
-        };
-        let lost = FrameRow { handed_out: None, ..row(0, 2, 0.0) };
-        let rows = [row(0, 0, 0.0), row(0, 1, 0.1), lost, row(1, 3, 7.0), row(0, 4, 0.4), row(1, 5, 7.1)];
-        let times: Vec<f64> = handed_out(&rows).iter().map(|pose| pose.timestamp).collect();
-        assert_eq!(times, [0.0, 1.0, 4.0]);
-        assert_eq!(handed_out(&rows)[2].world_from_camera.translation.x, 0.4);
-        assert!(handed_out(&[]).is_empty());
-    }
-
-    #[test]
-    fn what_is_not_used_is_reported_with_its_reason() {
-        let text = |given, found| LeftOutRecord::new(LeftOut { given, found }).map(LeftOutRecord::text);
-        assert_eq!(text(0.0, 0.0), None);
-        let text_of = |given, found| text(given, found).unwrap_or_default();
-        assert_eq!(text_of(0.1, 0.0), "10.0 % of the image is not used, by the mask");
-        assert_eq!(text_of(0.0, 0.02), "2.0 % of the image is not used: it moves with the camera");
-        assert_eq!(
-            text_of(0.1, 0.02),
-            "12.0 % of the image is not used: 2.0 % moves with the camera, the rest by the mask"
-        );
-    }
-
-    #[test]
-    fn fragments_have_files_of_their_own() {
-        assert_eq!(numbered("map.mcap", 0), "map.mcap");
-        assert_eq!(numbered("map.mcap", 1), "map-2.mcap");
-        assert_eq!(numbered("trajectory.txt", 2), "trajectory-3.txt");
-    }
-
-    #[test]
-    fn thousands_are_parted() {
-        assert_eq!(
-            [0, 999, 1000, 21_918, 2_942_060].map(grouped),
-            ["0", "999", "1,000", "21,918", "2,942,060"]
-        );
-    }
-
-    #[test]
-    fn the_percentile_is_the_nearest_rank() {
-        let cost = Cost::new((1..=200).map(f64::from).collect(), 10.0, None, None);
-        assert_eq!((cost.p99_ms, cost.max_ms, cost.frames_per_s), (198.0, 200.0, 20.0));
-        assert_eq!(cost.mean_ms, 100.5);
-        assert_eq!(Cost::new(vec![5.0], 1.0, None, None).p99_ms, 5.0);
-        assert_eq!(Cost::new(vec![], 0.0, None, None).p99_ms, 0.0);
-        let latency = Latency::of((1..=200).rev().map(f64::from).collect()).unwrap();
-        assert_eq!((latency.median, latency.p99, latency.max), (100.0, 198.0, 200.0));
-        assert_eq!(Latency::of(vec![]), None);
-    }
-}
+mod tests;

@@ -1,8 +1,9 @@
 //! Joins two fragments that show one place: the earlier one's agent absorbs the later one's map and continues in its
 //! place.
 
+use super::keyframe_insertion::Before;
 use super::mapper::{Absorbed, Joined, Link, Mapper, Update};
-use super::{Agent, AgentError, Before, Frame, FrameReport, ResumeMode, State, TrackingState};
+use super::{Agent, AgentError, Frame, FrameReport, ResumeMode, State, TrackingState};
 use crate::background::Task;
 use crate::local_map::LocalMap;
 use crate::publish;

@@ -20,6 +20,39 @@ struct Relocalised {
 }
 
 impl Agent {
+    /// Seeks a frame in the map of an agent that other frames were not given to; nothing changes when it is not there.
+    ///
+    /// # Errors
+    /// Those of [`process`](Self::process).
+    pub(crate) fn relocalise(&mut self, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
+        self.check_size(frame.index, &frame.image)?;
+        self.keep_color(frame.index, frame.color.as_ref());
+        let mut tracker = match std::mem::replace(&mut self.state, State::Empty) {
+            State::Running(tracker) => tracker,
+            other => {
+                self.state = other;
+                return Ok(None);
+            }
+        };
+        self.processed += 1;
+        self.claim = None;
+        let pyramid = self.pyramid(frame.image.clone());
+        let mut report = FrameReport::of(TrackingState::Tracking);
+        self.end_stale_claim(&tracker, frame.timestamp);
+        let is_claim = self.is_cut_off(&tracker, frame.timestamp);
+        let Some(located) = self.locate(&mut tracker, &pyramid, frame.timestamp, &mut report) else {
+            self.state = State::Running(tracker);
+            return Ok(None);
+        };
+        if is_claim {
+            let at = (frame.timestamp, frame.index);
+            let report = self.try_claim(tracker, &located, pyramid, at, report);
+            return Ok((report.state == TrackingState::Tracking).then(|| self.with_deltas(report)));
+        }
+        let report = self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report);
+        Ok(Some(self.with_deltas(report)))
+    }
+
     /// The keyframes with depth, as those of `fragment`, called as in the working map.
     pub(crate) fn known_views(&self, fragment: usize) -> Vec<KnownView> {
         let of_others = self.common.iter().flat_map(|common| common.keyframes.values());
