@@ -6,12 +6,12 @@
 //! shares some things, those that are made in numbers, and has others of its own. So both hypotheses are one model, a share
 //! `a` of the pieces that are the same in both maps, under other priors:
 //!
-//! * one place: `a ~ Beta(1/m − 1, 1)`, where `m` is the share that is expected to have changed ([`Prior::changed`]), or with
-//!   probability [`Prior::rearranged`] anything, `Beta(1, 1)`;
+//! * one place: of shapes and looks `a ~ Beta(1/m − 1, 1)`, where `m` is the share that is expected to have changed ([`Prior::changed`]), or with
+//!   probability [`Prior::rearranged`] anything, `Beta(1, 1)`; of wear the same with [`Prior::changed_wear`], for walls stay where things move;
 //! * a double: `a` is anything from nothing to all, `Beta(1, 1)`, or of looks, which are made in numbers, with probability
 //!   [`Prior::copied`] nearly all; but of wear (grain, stains, how things lie), which is
 //!   nowhere else, it shares [`Prior::shared_wear`] only, unless with probability [`Prior::printed`] what looks like wear is made
-//!   in numbers too.
+//!   in numbers too, and is shared as in one place or to any share, whichever explains it better.
 //!
 //! The likelihood of the pieces given `a` is the product of `(a·e^l + 1 − a)^w`: no piece says more than a change or a thing that is
 //! shared explains. So shapes that agree say at most `ln 1/m`, looks at most `−ln copied`, wear that agrees at most `−ln printed` more, looks that differ at most
@@ -107,6 +107,9 @@ params! {
         /// Expected share that has changed after very many days. Range 1e-4–0.5. A third of the things in rooms scanned
         /// again after weeks or months (Wald et al. 2019, 3RScan).
         pub changed_at_last: f64 = 0.33,
+        /// Expected share of wear that has changed, however many days apart. Range 1e-4–0.5. Things are moved and walls stay; grain beside what
+        /// looks otherwise does not count. Of rendered places of which 5 to 50 % was moved a hundredth of the wear differs.
+        pub changed_wear: f64 = 0.02,
         /// Days after which all but 1/e of that has changed. Range 0.1–10000.
         pub days_of_change: f64 = 3.0,
         /// Probability that anything may have changed, however near in time. Range 1e-6–0.5: a room was cleared, goods were put

@@ -68,29 +68,26 @@ pub fn explained(pieces: &[Piece], prior: &Prior) -> f64 {
     let model = Model::new(prior);
     let mut order: Vec<&Piece> = pieces.iter().filter(|piece| is_measured(piece)).collect();
     order.sort_by(|a, b| compare(a, b));
-    let mut all = vec![0.0; model.grid.len()];
-    for piece in order {
-        all.iter_mut().zip(model.terms(piece)).for_each(|(sum, term)| *sum += term);
-    }
-    model.ln_same(&all)
+    model.ln_same(&Sums::of(order.into_iter(), &model))
 }
 
 /// Terms of pieces, summed at each share of those that are the same in both maps.
 #[derive(Clone)]
 struct Sums {
-    all: Vec<f64>,
     shapes: Vec<f64>,
     looks: Vec<f64>,
+    wear: Vec<f64>,
     /// How many looks there are.
     count: f64,
     /// Of wear of which a double shares what it does by its prior.
-    wear: f64,
+    shared_wear: f64,
 }
 
 impl Sums {
     fn of<'a>(pieces: impl Iterator<Item = &'a Piece>, model: &Model) -> Self {
         let zeros = vec![0.0; model.grid.len()];
-        let none = Self { all: zeros.clone(), shapes: zeros.clone(), looks: zeros, count: 0.0, wear: 0.0 };
+        let none =
+            Self { shapes: zeros.clone(), looks: zeros.clone(), wear: zeros, count: 0.0, shared_wear: 0.0 };
         pieces.fold(none, |mut sums, piece| {
             sums.add(piece, model, 1.0);
             sums
@@ -101,9 +98,11 @@ impl Sums {
     fn add(&mut self, piece: &Piece, model: &Model, sign: f64) {
         let terms = model.terms(piece);
         let add = |sums: &mut [f64]| sums.iter_mut().zip(&terms).for_each(|(sum, term)| *sum += sign * term);
-        add(&mut self.all);
         match piece.kind {
-            PieceKind::Wear => self.wear += sign * model.wear.ln_term(piece),
+            PieceKind::Wear => {
+                add(&mut self.wear);
+                self.shared_wear += sign * model.shared_wear.ln_term(piece);
+            }
             PieceKind::Shape => add(&mut self.shapes),
             PieceKind::Look => {
                 add(&mut self.looks);
@@ -116,8 +115,9 @@ impl Sums {
 /// Both hypotheses at shares of the pieces that are the same in both maps.
 struct Model {
     grid: Vec<Share>,
-    /// ln of the normalised prior densities of a share: of one place, and of anything.
+    /// ln of the normalised prior densities of a share: of the shapes and looks of one place, of its wear, and of anything.
     same: Vec<f64>,
+    same_wear: Vec<f64>,
     anything: Vec<f64>,
     /// ln of the probability that one place was rearranged, that wear is printed, that a double's looks are copies, and of the contrary of
     /// each.
@@ -125,7 +125,7 @@ struct Model {
     ln_printed: [f64; 2],
     ln_copied: [f64; 2],
     /// What a double shares of its wear.
-    wear: Share,
+    shared_wear: Share,
 }
 
 impl Model {
@@ -136,43 +136,53 @@ impl Model {
             let norm = ln_sum(&density);
             density.into_iter().map(|value| value - norm).collect::<Vec<f64>>()
         };
-        let same = density(Beta { agree: prior.changed().recip() - 1.0, differ: 1.0 });
+        let but_for = |changed: f64| density(Beta { agree: changed.recip() - 1.0, differ: 1.0 });
+        let (same, same_wear) = (but_for(prior.changed()), but_for(prior.changed_wear));
         let anything = density(Beta { agree: 1.0, differ: 1.0 });
         let ln = |probability: f64| [probability.ln(), (1.0 - probability).ln()];
-        let wear = Share::new((prior.shared_wear / (1.0 - prior.shared_wear)).ln());
+        let shared_wear = Share::new((prior.shared_wear / (1.0 - prior.shared_wear)).ln());
         let [ln_rearranged, ln_printed, ln_copied] = [prior.rearranged, prior.printed, prior.copied].map(ln);
-        Self { grid, same, anything, ln_rearranged, ln_printed, ln_copied, wear }
+        Self { grid, same, same_wear, anything, ln_rearranged, ln_printed, ln_copied, shared_wear }
     }
 
     fn terms(&self, piece: &Piece) -> Vec<f64> {
         self.grid.iter().map(|share| share.ln_term(piece)).collect()
     }
 
-    /// By the summed terms of all pieces: how likely they are of one place.
-    fn ln_same(&self, all: &[f64]) -> f64 {
+    /// How likely all pieces are of one place, by their summed terms.
+    fn ln_same(&self, sums: &Sums) -> f64 {
         let [rearranged, kept] = self.ln_rearranged;
-        ln_add(kept + integral(&self.same, all), rearranged + integral(&self.anything, all))
+        let things = sum(&sums.shapes, &sums.looks);
+        let things =
+            ln_add(kept + integral(&self.same, &things), rearranged + integral(&self.anything, &things));
+        things + integral(&self.same_wear, &sums.wear)
+    }
+
+    /// How likely wear is of a double where it is made in numbers: shared as in one place or to any share, whichever explains it better.
+    fn ln_print(&self, wear: &[f64]) -> f64 {
+        integral(&self.same_wear, wear).max(integral(&self.anything, wear))
     }
 
     /// How likely shapes and looks are of a double, by their summed terms.
     fn ln_double(&self, shapes: &[f64], looks: &[f64]) -> f64 {
         let [copied, own] = self.ln_copied;
-        let together: Vec<f64> = shapes.iter().zip(looks).map(|(shape, look)| shape + look).collect();
         let copies = integral(&self.anything, shapes) + integral(&self.same, looks);
-        ln_add(own + integral(&self.anything, &together), copied + copies)
+        ln_add(own + integral(&self.anything, &sum(shapes, looks)), copied + copies)
     }
 
     fn ln_ratio(&self, sums: &Sums) -> f64 {
         let [printed, worn] = self.ln_printed;
-        let (shared, alike) = if sums.count > 0.0 {
-            let others: Vec<f64> =
-                sums.all.iter().zip(&sums.shapes).map(|(all, shape)| all - shape).collect();
-            (self.ln_double(&sums.shapes, &sums.looks), self.ln_double(&sums.shapes, &others))
+        let things = if sums.count > 0.0 {
+            self.ln_double(&sums.shapes, &sums.looks)
         } else {
-            (integral(&self.anything, &sums.shapes), integral(&self.anything, &sums.all))
+            integral(&self.anything, &sums.shapes)
         };
-        self.ln_same(&sums.all) - ln_add(worn + shared + sums.wear, printed + alike)
+        self.ln_same(sums) - things - ln_add(worn + sums.shared_wear, printed + self.ln_print(&sums.wear))
     }
+}
+
+fn sum(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a + b).collect()
 }
 
 /// ln of a likelihood over shares, by their prior and the summed terms of pieces.
@@ -328,6 +338,20 @@ mod tests {
             [Prior::default(), later].map(|prior| weigh(&pieces, &prior).answer),
             [Answer::Different; 2]
         );
+    }
+
+    /// Things move in a month and walls do not: half of the wear differs in no place, though half of the things may.
+    #[test]
+    fn wear_changes_less_than_things_do() {
+        let later = Prior { days_apart: 30.0, ..Prior::default() };
+        let of = |agrees: usize, differs: usize| {
+            let wear = [vec![6.0; agrees], vec![-6.0; differs]].concat();
+            let wear: Vec<Piece> = wear.into_iter().map(|l| piece(PieceKind::Wear, l)).collect();
+            weigh(&[looks(60, 25), wear].concat(), &later).answer
+        };
+        assert_eq!(of(36, 0), Answer::SameChanged);
+        assert_eq!(of(35, 1), Answer::SameChanged);
+        assert_ne!(of(18, 18), Answer::SameChanged);
     }
 
     /// However many there are: wallpaper agrees everywhere, and a shop may be filled anew in a night.

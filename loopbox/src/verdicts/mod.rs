@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Goes up with every change of what comes of two maps: verdicts of other versions are not taken for this one's.
-const METHOD_VERSION: u32 = 8;
+const METHOD_VERSION: u32 = 9;
 const EXTENSION: &str = "verdict";
 
 /// The SHA-256 of a map's file, in hexadecimal; of one agent of several in it, with `#` and its number.

@@ -3,7 +3,7 @@
 use crate::closure::{Closure, PairOutcome};
 use crate::direct::DirectAlignment;
 use crate::further::Joined;
-use backend::verdict::{self, Answer, PieceKind, Prior, Weighed};
+use backend::verdict::{self, Answer, Piece, PieceKind, Prior, Weighed};
 use nalgebra::{SMatrix, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -88,6 +88,8 @@ pub struct PlaceEvidence {
     pub changed: f64,
     /// How many things were compared.
     pub things: f64,
+    /// Share of them, 0–1, that are wear which agrees.
+    pub agreeing_wear: f64,
     /// Share, 0–1, that is expected to differ in one place after the days between the maps.
     pub expected_change: f64,
     /// What of `ln_ratio` would be missing without wear, the surface that is nowhere else: above 0 it speaks for one place.
@@ -101,12 +103,28 @@ impl PlaceEvidence {
     pub fn new(weighed: &Weighed, prior: &Prior, grain: f64) -> Self {
         let Weighed { answer, ln_ratio, changed, .. } = *weighed;
         let pieces = weighed.pieces.iter().map(|(piece, _)| *piece);
-        let things = pieces.clone().map(|piece| piece.things).sum();
+        let things_of = |of: &dyn Fn(&Piece) -> bool| -> f64 {
+            pieces.clone().filter(of).map(|piece| piece.things).sum()
+        };
+        let things = things_of(&|_| true);
+        let agreeing_wear = things_of(&|piece| piece.kind == PieceKind::Wear && piece.ln_agreement > 0.0);
+        let agreeing_wear = if things > 0.0 { agreeing_wear / things } else { 0.0 };
         let others = pieces.filter(|piece| piece.kind != PieceKind::Wear).collect::<Vec<_>>();
         let own = ln_ratio - verdict::ln_ratio(&others, prior);
         let (probability, needed) = (prior.probability(ln_ratio), prior.certainty);
         let expected_change = prior.changed();
-        Self { answer, ln_ratio, probability, needed, changed, things, expected_change, own, grain }
+        Self {
+            answer,
+            ln_ratio,
+            probability,
+            needed,
+            changed,
+            things,
+            agreeing_wear,
+            expected_change,
+            own,
+            grain,
+        }
     }
 }
 

@@ -14,14 +14,14 @@
 //! | the same of keyframes matched together, with a higher limit | places that are alike in part, where no pair of keyframes speaks for them alone | undecided |
 //! | that share of all pixels, seen by both or not | things that repeat, shifted by one | refused |
 //! | standard deviations of rotation, translation and scale, by all pairs that agree along both maps | closures that are right and useless | undecided |
-//! | further pairs that should overlap and can be aligned | a place that looks alike, in other surroundings | refused |
-//! | further pairs that should overlap and agree | the same, where single pairs look alike too | refused |
+//! | further pairs that should overlap and can be aligned | a place that looks alike, in other surroundings | refused; undecided where the surface tells by its grain that they are one |
+//! | further pairs that should overlap and agree | the same, where single pairs look alike too | likewise |
 //! | points that the other keyframe looks through | structure that is not there | refused |
 //! | points whose contrast the other keyframe lacks | the same, where there is no depth | refused |
-//! | patches that are looked through as a whole and look otherwise | places alike but for things that stand there | undecided |
-//! | patches that look otherwise where all others look alike | the same, where what differs is flat | undecided |
-//! | both together, each over its limit | the same, where a little of each differs | undecided |
-//! | views with something of either sort | the same, where it is small and in every view | undecided |
+//! | patches that are looked through as a whole and look otherwise | places alike but for things that stand there | undecided, unless the surface tells by its grain that they are one |
+//! | patches that look otherwise where all others look alike | the same, where what differs is flat | likewise |
+//! | both together, each over its limit | the same, where a little of each differs | likewise |
+//! | views with something of either sort | the same, where it is small and in every view | likewise |
 //! | closures that agree on another motion | things that repeat | undecided |
 //! | places that match nearly as well and speak for another motion | a row of equal houses, shifted by one | undecided |
 //!
@@ -131,7 +131,8 @@ pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
 }
 
 fn judge_as(evidence: Evidence, params: &AcceptanceParams, is_confirmed: bool) -> Verdict {
-    let mut test = Test { lines: Vec::new(), against: None, open: None, is_confirmed };
+    let is_told = evidence.place.as_ref().is_some_and(|place| is_told_by_grain(place, params));
+    let mut test = Test { lines: Vec::new(), against: None, open: None, is_confirmed, is_told };
     if let Some(place) = &evidence.place {
         test.place(place, params);
     }
@@ -161,6 +162,8 @@ struct Test {
     open: Option<Doubt>,
     /// Whether it is known that the maps show one place.
     is_confirmed: bool,
+    /// Whether the surface tells that they do, by its own grain.
+    is_told: bool,
 }
 
 impl Test {
@@ -230,24 +233,27 @@ impl Test {
     fn beyond(&mut self, beyond: &Beyond, params: &AcceptanceParams) {
         let Beyond { tested, confirmed, closures, rival, .. } = *beyond;
         let needed = 100.0 * params.min_aligned_share;
+        // Where much was moved, views of it cannot be aligned: against the grain of what stayed that is no contradiction.
+        let against = if self.is_told { Says::Open } else { Says::Against };
         self.least(
             "overlaps aligned",
             [beyond.aligned_share(), params.min_aligned_share],
-            Says::Against,
+            against,
             Doubt::Alone { confirmed: tested - beyond.failed, tested, needed },
         );
         let needed = 100.0 * params.min_confirmed_share;
         self.least(
             "overlaps confirmed",
             [beyond.confirmed_share(), params.min_confirmed_share],
-            Says::Against,
+            against,
             Doubt::Alone { confirmed, tested, needed },
         );
         let (share, limit) = (beyond.through_share, params.max_through_share);
         self.most("seen through", [share, limit], Says::Against, Doubt::SeenThrough { share, limit });
         let (share, limit) = (beyond.missing_share, params.max_missing_share);
         self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
-        let otherwise = if self.is_confirmed { Says::For } else { Says::Open };
+        // What differs is among the pieces that the surface was judged by.
+        let otherwise = if self.is_confirmed || self.is_told { Says::For } else { Says::Open };
         let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
         let (views, limit) = (beyond.absent_views, params.max_absent_share);
         let share = enough(views, beyond.absent_share);
@@ -300,6 +306,14 @@ impl Test {
         };
         first.get_or_insert(doubt);
     }
+}
+
+/// Whether the surface tells that the place is one, and has a grain of its own for certain and in all of it, which would be another in a double.
+/// What differs is weighed in that.
+fn is_told_by_grain(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
+    matches!(place.answer, Answer::Same | Answer::SameChanged)
+        && place.grain >= place.needed
+        && place.agreeing_wear >= params.min_told_wear
 }
 
 /// Whether the surface leaves it open whether the place is one, so that other lines may not tell either. It does where more differs than is

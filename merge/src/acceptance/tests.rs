@@ -42,6 +42,7 @@ const PLACE: PlaceEvidence = PlaceEvidence {
     needed: 0.99,
     changed: 0.0,
     things: 40.0,
+    agreeing_wear: 0.0,
     expected_change: 0.001,
     own: 1.0,
     grain: 0.99,
@@ -176,9 +177,9 @@ fn missing_things_distinguish_similar_places() {
     assert!(!doubt(Evidence { matches: 31, ..ENOUGH }).is_similar_place());
 }
 
-/// Surface that differs refuses a closure of which all else is right; surface that agrees outweighs no other line.
+/// Surface that differs refuses a closure of which all else is right; surface that agrees outweighs no line of the pose.
 #[test]
-fn surface_refuses_and_outweighs_nothing() {
+fn surface_refuses_and_outweighs_no_pose() {
     let place = |answer| Some(PlaceEvidence { answer, ..PLACE });
     let right = Evidence { place: place(Answer::Same), ..beyond(BEYOND) };
     assert!(verdict(right).accepts() && !verdict(right).is_double());
@@ -255,6 +256,31 @@ fn what_differs_without_grain_may_be_another_place() {
         verdict(Evidence { place: Some(place), ..ENOUGH })
     };
     assert!(answered(0.99).accepts() && !answered(0.8).accepts());
+}
+
+/// What was moved differs in one place too: where grain that is all over tells that it is one, that decides, and views that cannot be aligned
+/// contradict nothing. The pose must still be right.
+#[test]
+fn grain_that_is_all_over_outweighs_what_differs() {
+    let told = PlaceEvidence { answer: Answer::SameChanged, agreeing_wear: 0.1, changed: 0.2, ..PLACE };
+    let of = |place: PlaceEvidence, beyond: Beyond| {
+        verdict(Evidence { place: Some(place), beyond: Some(beyond), ..ENOUGH })
+    };
+    let moved = Beyond { absent_share: 0.1, unlike_share: 0.1, absent_views: 8, unlike_views: 8, ..BEYOND };
+    assert!(of(told, moved).accepts());
+    for place in [
+        PlaceEvidence { agreeing_wear: 0.09, ..told },
+        PlaceEvidence { grain: 0.98, ..told },
+        PlaceEvidence { answer: Answer::CannotTell, changed: 0.0, ..told },
+    ] {
+        assert!(!of(place, moved).accepts(), "{place:?}");
+    }
+    for wrong in [Beyond { failed: 2, ..BEYOND }, Beyond { confirmed: 1, ..BEYOND }] {
+        assert!(matches!(of(told, wrong).decision, Decision::Undecided(Doubt::Alone { .. })));
+        assert!(matches!(of(PLACE, wrong).decision, Decision::Refused(Doubt::Alone { .. })));
+    }
+    assert!(!of(told, Beyond { rival: 3, ..BEYOND }).accepts());
+    assert!(!of(told, Beyond { through_share: 0.06, ..BEYOND }).accepts());
 }
 
 /// A person knows the place, and not the pose.
