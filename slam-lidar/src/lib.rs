@@ -19,7 +19,7 @@
 //! | [`scan_context::ScanContext::of`] | the descriptor of a scan, and its ring key | §3.2.1, Eq. 5; §3.2.3, Eq. 9 |
 //! | [`scan_context::ScanContext::similarity`] | the distance of two scans under all turns, and the yaw between them | §3.2.2, Eqs. 6–8 |
 //! | [`mapping::Agent::take`] | the loop candidate, and what takes the place of the paper's threshold t | §3.2.3, Eq. 10 |
-//! | [`closure::align`], [`loop_verdict::refusal`] | a loop registered, and whether its geometry and the odometry support it and no other pose does | ours |
+//! | [`closure::align`], [`loop_verdict::refusal`] | a loop registered, and whether its geometry and the odometry support it and no other pose does; judged as a merge is where the odometry is doubtful | ours |
 //! | [`smoothing::smooth`] | the trajectory optimised over odometry and loops, in place of ISAM | §3.2.3 |
 //! | [`merging::emr::propose`] | normals, Harris 3-D, FPFH, reciprocal matches, RANSAC with SVD | §4, Algorithm 1 |
 //! | [`merging::merge_by`] | the relative pose of two maps and the verdict, in place of the paper's confidence | ours |

@@ -3,10 +3,17 @@
 //! That surfaces meet is not enough: the hall at one end of a tunnel meets the hall at the other, turned by half a turn, and in a smooth
 //! tunnel every place meets every other. So a loop is a claim as a merge is, with the odometry as a witness: what it bends the
 //! trajectory by is held against what the odometry may have drifted since (the gate of Bar-Shalom and Fortmann, "Tracking and Data
-//! Association", 1988), and of the poses that the odometry admits no other may fit as well.
+//! Association", 1988), and of the poses that the odometry admits no other may fit as well. Where it admits much, or nothing is told of a
+//! stretch between, both places are compared as two maps are: storeys of a building look alike, and an odometry that slides on the stairs
+//! between them takes one for the other.
 
 use crate::closure::{Alignment, Evidence, aligned, coarse_search};
 use crate::keyframe::Submap;
+use crate::merging::comparison::compare;
+use crate::merging::robot_map::RobotMap;
+use crate::merging::verdict::most_absent;
+use crate::odometry::Guess;
+use backend::verdict::{Prior, weigh};
 use geometry::Se3;
 use nalgebra::{Matrix3, Matrix6, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
@@ -29,6 +36,17 @@ pub enum LoopTest {
     Drift,
     /// Other poses that fit as well.
     Rivals,
+    /// What both places show and how far the trajectory is bent, weighed together.
+    Likelihood,
+    /// Things that stand at one place and not at the other, where the odometry is doubtful in between.
+    Absent,
+}
+
+impl LoopTest {
+    /// Whether what fails it has passed the tests of its surfaces: it looks alike, and lies elsewhere.
+    pub fn is_elsewhere(self) -> bool {
+        matches!(self, Self::Drift | Self::Rivals | Self::Likelihood | Self::Absent)
+    }
 }
 
 /// A test's figure beside its bound.
@@ -62,6 +80,16 @@ impl fmt::Display for LoopLine {
             LoopTest::Rivals => write!(
                 f,
                 "{value} other poses fit as well, {bound} are allowed: the surroundings do not tell the place"
+            ),
+            LoopTest::Likelihood => write!(
+                f,
+                "what both saw and the odometry are e^{value:.1} times as likely if this is one place as if it is another that looks \
+                 alike; e^{bound:.0} is needed"
+            ),
+            LoopTest::Absent => write!(
+                f,
+                "{value:.2} m² of surface in one piece are not there at the other place, which looks through them; {bound:.2} at most \
+                 may be where the odometry is doubtful in between"
             ),
         }
     }
@@ -100,6 +128,25 @@ pub struct Drift {
     paths: Vec<f64>,
     /// Of the steps before each, the sum of Ad(X) Σ Ad(X)ᵀ.
     covariances: Vec<Matrix6<f64>>,
+    /// Steps before each that are doubtful.
+    doubts: Vec<usize>,
+}
+
+/// How badly a step of the odometry is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Doubt {
+    /// Covariance of what was guessed of the translation, m², in the axes of the world.
+    pub guessed: Matrix3<f64>,
+    /// Whether any of it was reported as guessed or told badly.
+    pub is_reported: bool,
+}
+
+impl Doubt {
+    /// With what the next sweep says.
+    pub fn add(&mut self, guess: &Guess) {
+        self.guessed += guess.covariance;
+        self.is_reported |= guess.directions > 0;
+    }
 }
 
 /// What is known of a motion between two keyframes without their surfaces.
@@ -109,6 +156,8 @@ pub struct Tracked {
     /// Of its error, a right increment (υ, ω).
     covariance: Matrix6<f64>,
     information: Matrix6<f64>,
+    /// Whether steps in between are doubtful.
+    is_doubtful: bool,
 }
 
 /// A loop that is believed.
@@ -134,20 +183,20 @@ fn carried(pose: &Se3, covariance: &Matrix6<f64>) -> Matrix6<f64> {
 }
 
 impl Drift {
-    /// Adds a keyframe at a pose of the odometry; `guessed` is the covariance of what was guessed of the translation from the one before,
-    /// m², in the axes of the world.
-    pub fn push(&mut self, pose: &Se3, guessed: &Matrix3<f64>) {
+    /// Adds a keyframe at a pose of the odometry, with the doubt about the step from the one before.
+    pub fn push(&mut self, pose: &Se3, doubt: &Doubt) {
         let (path, covariance) = match (self.poses.last(), self.paths.last(), self.covariances.last()) {
             (Some(last), Some(path), Some(covariance)) => {
                 let step = last.inverse() * *pose;
                 let metres = step.translation.norm() + METRES_PER_RADIAN * step.rotation.angle();
                 let mut sum = covariance + carried(pose, &(variances(DRIFT) * metres));
                 let mut translation = sum.fixed_view_mut::<3, 3>(0, 0);
-                translation += guessed;
+                translation += doubt.guessed;
                 (path + metres, sum)
             }
             _ => (0.0, Matrix6::zeros()),
         };
+        self.doubts.push(self.doubts.last().map_or(0, |doubts| doubts + usize::from(doubt.is_reported)));
         self.poses.push(*pose);
         self.paths.push(path);
         self.covariances.push(covariance);
@@ -157,6 +206,10 @@ impl Drift {
     fn covariance(&self, [one, other]: [usize; 2], at: usize) -> Matrix6<f64> {
         let sum = self.covariances[one.max(other)] - self.covariances[one.min(other)];
         carried(&self.poses[at].inverse(), &sum)
+    }
+
+    fn is_doubtful(&self, one: usize, other: usize) -> bool {
+        self.doubts[one] != self.doubts[other]
     }
 
     fn motion(&self, from: usize, to: usize) -> Se3 {
@@ -172,7 +225,7 @@ impl Drift {
     pub fn between(&self, from: usize, to: usize, ties: &[Tie], deviation: (f64, f64)) -> Tracked {
         let over = |tie: &Tie| self.path(from, tie.from) + self.path(tie.to, to);
         let nearest = ties.iter().min_by(|a, b| over(a).total_cmp(&over(b)));
-        let (from_from_to, steps) = match nearest.filter(|tie| over(tie) < self.path(from, to)) {
+        let (from_from_to, steps, is_doubtful) = match nearest.filter(|tie| over(tie) < self.path(from, to)) {
             Some(tie) => {
                 let rest = self.motion(tie.to, to);
                 let after = tie.from_from_to * rest;
@@ -180,13 +233,14 @@ impl Drift {
                 let covariance = carried(&after.inverse(), &before)
                     + carried(&rest.inverse(), &variances(deviation))
                     + self.covariance([tie.to, to], to);
-                (self.motion(from, tie.from) * after, covariance)
+                let is_doubtful = self.is_doubtful(from, tie.from) || self.is_doubtful(tie.to, to);
+                (self.motion(from, tie.from) * after, covariance, is_doubtful)
             }
-            None => (self.motion(from, to), self.covariance([from, to], to)),
+            None => (self.motion(from, to), self.covariance([from, to], to), self.is_doubtful(from, to)),
         };
         let covariance = steps + variances(deviation);
         let information = covariance.try_inverse().unwrap_or_else(Matrix6::zeros);
-        Tracked { from_from_to, covariance, information }
+        Tracked { from_from_to, covariance, information, is_doubtful }
     }
 }
 
@@ -236,8 +290,15 @@ const CORRELATION: f64 = 10.0;
 /// Shares differ from so many standard deviations on.
 const DEVIATIONS: f64 = 2.0;
 
-/// Why a loop is not believed: the first test that it fails.
-pub fn refusal(target: &Submap, source: &Submap, found: &Alignment, tracked: &Tracked) -> Option<LoopLine> {
+/// Why a loop is not believed: the first test that it fails. `maps` are both places in the frames of their submaps, to be compared where
+/// the odometry admits more than one place.
+pub fn refusal(
+    target: &Submap,
+    source: &Submap,
+    found: &Alignment,
+    tracked: &Tracked,
+    maps: impl FnOnce() -> [RobotMap; 2],
+) -> Option<LoopLine> {
     let line = |test, value, bound| LoopLine { test, value, bound };
     if let Some(line) = failed(&found.evidence) {
         return Some(line);
@@ -248,7 +309,38 @@ pub fn refusal(target: &Submap, source: &Submap, found: &Alignment, tracked: &Tr
     }
     let rivals = starts(found).into_iter().filter(|start| tracked.bent(start) <= bounds::DRIFT);
     let count = rivals.filter(|start| is_rival(target, source, found, start, tracked)).count();
-    (count > 0).then(|| line(LoopTest::Rivals, count as f64, 0.0))
+    if count > 0 {
+        return Some(line(LoopTest::Rivals, count as f64, 0.0));
+    }
+    let by_drift = ln_by_drift(bent);
+    let prior = Prior::default();
+    // Surfaces speak against one place by no more than that it may have been rearranged.
+    let is_witness = !tracked.is_doubtful && by_drift >= -prior.rearranged.ln();
+    if is_witness { None } else { contradiction(&maps(), found, tracked, by_drift) }
+}
+
+/// ln of how much likelier a pose that bends the trajectory by so many standard deviations is the true one than any that the odometry admits: a
+/// Gaussian density of six unknowns over an even one within [`bounds::DRIFT`] of it, whose volume is π³/6 r⁶ deviations.
+fn ln_by_drift(bent: f64) -> f64 {
+    (bounds::DRIFT.powi(6) / 48.0).ln() - 0.5 * bent * bent
+}
+
+/// What both places show against being one.
+fn contradiction(
+    [target, source]: &[RobotMap; 2],
+    found: &Alignment,
+    tracked: &Tracked,
+    by_drift: f64,
+) -> Option<LoopLine> {
+    let things = compare(target, source, &found.target_from_source);
+    let likelihood = weigh(&things.pieces, &Prior::default()).ln_ratio + by_drift;
+    let (absent, most) = (things.absent(), most_absent(things.shared));
+    let tests = [
+        (LoopTest::Likelihood, likelihood, 0.0, likelihood >= 0.0),
+        (LoopTest::Absent, absent, most, !tracked.is_doubtful || absent <= most),
+    ];
+    let first = tests.into_iter().find(|(_, _, _, holds)| !holds);
+    first.map(|(test, value, bound, _)| LoopLine { test, value, bound })
 }
 
 /// Where rivals of a pose may be: along the direction that is least certain, and turned by half a turn.

@@ -4,7 +4,8 @@ use crate::closure::{Alignment, align};
 use crate::degeneracy::conditioning;
 use crate::floam::NoRings;
 use crate::keyframe::{Keyframe, Submap};
-use crate::loop_verdict::{Drift, LoopLine, Tie, Tracked, refusal};
+use crate::loop_verdict::{Doubt, Drift, LoopLine, Tie, Tracked, refusal};
+use crate::merging::robot_map::RobotMap;
 use crate::motion::{MotionTable, Sweep, SweepMotion};
 use crate::odometry::{Guess, OdometryParams, TrackedSweep};
 use crate::smoothing::{Constraint, isotropic, smooth};
@@ -116,8 +117,8 @@ pub struct Agent {
     steps: Vec<Se3>,
     /// Covariances of what was guessed of these translations, m², in the axes of the world.
     guessed: Vec<Matrix3<f64>>,
-    /// The same since the last keyframe.
-    guessing: Matrix3<f64>,
+    /// The doubt since the last keyframe.
+    doubt: Doubt,
     /// Whether keyframes tell where they are: in a smooth tunnel every place fits every other one.
     determined: Vec<bool>,
     /// What they may err by.
@@ -140,7 +141,7 @@ impl Agent {
             ties: Vec::new(),
             steps: Vec::new(),
             guessed: Vec::new(),
-            guessing: Matrix3::zeros(),
+            doubt: Doubt::default(),
             determined: Vec::new(),
             drift: Drift::default(),
             refused: Vec::new(),
@@ -196,7 +197,7 @@ impl Agent {
     /// Adds a sweep, and says whether it became a keyframe.
     fn add(&mut self, scan: &Scan, sweep: &TrackedSweep) -> bool {
         let pose = sweep.world_from_sensor;
-        self.guessing += sweep.guess.covariance;
+        self.doubt.add(&sweep.guess);
         let is_keyframe = self.is_keyframe(&pose);
         if is_keyframe {
             self.add_keyframe(scan, sweep);
@@ -268,12 +269,12 @@ impl Agent {
     fn add_keyframe(&mut self, scan: &Scan, tracked: &TrackedSweep) {
         let pose = tracked.world_from_sensor;
         let points = undistorted(scan, tracked, &self.params);
-        let guessed = std::mem::take(&mut self.guessing);
+        let doubt = std::mem::take(&mut self.doubt);
         let (smoothed, path) = match (self.tracked.last(), self.keyframes.last()) {
             (Some((last, path)), Some(keyframe)) => {
                 let step = last.inverse() * pose;
                 self.steps.push(step);
-                self.guessed.push(guessed);
+                self.guessed.push(doubt.guessed);
                 (keyframe.world_from_sensor * step, path + step.translation.norm())
             }
             _ => (pose, 0.0),
@@ -281,18 +282,28 @@ impl Agent {
         self.keyframes.push(Keyframe::new(tracked.instant, smoothed, points));
         self.tracked.push((pose, path));
         self.determined.push(tracked.guess.open == 0);
-        self.drift.push(&pose, &guessed);
+        self.drift.push(&pose, &doubt);
     }
 
-    /// Keyframes around one as a submap in its frame.
+    /// Keyframes around one along the path.
+    fn around(&self, index: usize) -> impl Iterator<Item = &Keyframe> {
+        let (path, reach) = (self.tracked[index].1, self.params.reach);
+        let near =
+            self.keyframes.iter().zip(&self.tracked).filter(move |(_, (_, p))| (p - path).abs() <= reach);
+        near.map(|(keyframe, _)| keyframe)
+    }
+
+    /// The same as a submap in its frame.
     fn submap(&self, index: usize) -> Submap {
-        let path = self.tracked[index].1;
-        let near = self
-            .keyframes
-            .iter()
-            .zip(&self.tracked)
-            .filter(|(_, (_, p))| (p - path).abs() <= self.params.reach);
-        Submap::new(near.map(|(keyframe, _)| keyframe), &self.keyframes[index].world_from_sensor)
+        Submap::new(self.around(index), &self.keyframes[index].world_from_sensor)
+    }
+
+    /// The same as a map in its frame.
+    fn map_around(&self, index: usize) -> RobotMap {
+        let from_world = self.keyframes[index].world_from_sensor.inverse();
+        let moved =
+            |k: &Keyframe| Keyframe { world_from_sensor: from_world * k.world_from_sensor, ..k.clone() };
+        RobotMap::new(&self.around(index).map(moved).collect::<Vec<_>>())
     }
 
     /// The earlier keyframe most like one of those that may be near by the odometry, and the yaw of the one in it, radians.
@@ -327,7 +338,8 @@ impl Agent {
         let (target, source) = (self.submap(from), self.submap(to));
         let alignment = align(&target, &source, &Se3::new(turned, Vector3::zeros()), true);
         let closed = Loop { from, to, alignment };
-        if let Some(line) = refusal(&target, &source, &alignment, &tracked) {
+        let maps = || [from, to].map(|index| self.map_around(index));
+        if let Some(line) = refusal(&target, &source, &alignment, &tracked, maps) {
             self.refused.push(RefusedLoop { candidate: closed, line });
             return None;
         }

@@ -360,11 +360,12 @@ fn summary(record: &LidarRecord, out: &Path) {
         record.refused_loops.len(),
         map.corrected_m
     );
-    let elsewhere = |row: &&LoopRow| matches!(row.test, Some(LoopTest::Drift | LoopTest::Rivals));
+    let elsewhere = |row: &&LoopRow| row.test.is_some_and(LoopTest::is_elsewhere);
     let look_alikes = record.refused_loops.iter().filter(elsewhere).count();
     if look_alikes > 0 {
         say!(
-            "             {look_alikes} of the refused fit, but lie beyond what the odometry may have drifted or at several poses: they look alike"
+            "             {look_alikes} of the refused fit, but lie beyond what the odometry may have drifted, at several poses, or where \
+             what both saw does not make up for a doubtful way: they look alike"
         );
     }
     let memory = cost.peak_memory_bytes.map_or(String::new(), |bytes| format!(", {} MiB", bytes >> 20));

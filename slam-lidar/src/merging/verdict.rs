@@ -192,6 +192,11 @@ pub(super) fn seen(target: &Submap, points: &[[f32; 3]], target_from_source: &Se
     (share(surface, points.len()), share(free, surface + free))
 }
 
+/// The largest thing that may be absent where so much is shared, square metres.
+pub(crate) fn most_absent(shared: f64) -> f64 {
+    bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0)
+}
+
 /// The tests of a pose in their order, each with whether it holds and what is said where it does not. Where the likelihood does not
 /// tell, nothing may outweigh what agrees, no thing may be absent and much must be shared. Pieces are asked for where `is_confirmed`.
 fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, Answer); 8] {
@@ -204,7 +209,7 @@ fn tests(e: &MergeEvidence, prior: &Prior, is_confirmed: bool) -> [(Line, bool, 
     let shifted = ln_rate_ratio(between, within);
     let is_decided = surface_answer.joins();
     let outweighs = e.weighed.ln_ratio >= 0.0 && surface_answer != Answer::Different;
-    let moved = bounds::ABSENT + bounds::ABSENT_SHARE * (shared - bounds::MUCH).max(0.0);
+    let moved = most_absent(shared);
     let is_much = shared >= bounds::SHARED || overlap >= bounds::MOST;
     [
         (line(Test::Overlap, overlap, bounds::OVERLAP), overlap >= bounds::OVERLAP, Answer::Different),
