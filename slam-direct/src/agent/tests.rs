@@ -3,8 +3,8 @@
 mod images;
 
 use super::*;
-use geometry::Se3;
 use crate::test_scene::{without_points, yard};
+use geometry::Se3;
 use geometry::{GrayImage, Image, umeyama};
 use loopbox_tests::{Recording, trajectory};
 use place_recog::ThumbnailIndex;
