@@ -7,7 +7,8 @@
 //! `a` of the pieces that are the same in both maps, under other priors:
 //!
 //! * one place: of shapes and looks `a ~ Beta(1/m − 1, 1)`, where `m` is the share that is expected to have changed ([`Prior::changed`]), or with
-//!   probability [`Prior::rearranged`] anything, `Beta(1, 1)`; of wear the same with [`Prior::changed_wear`], for walls stay where things move;
+//!   probability [`Prior::rearranged`] anything, `Beta(1, 1)`. Once more of the things is expected to have changed than of the wear
+//!   ([`Prior::changed_wear`], for walls stay where things move), wear has a share of its own, in a double of one print too;
 //! * a double: `a` is anything from nothing to all, `Beta(1, 1)`, or of looks, which are made in numbers, with probability
 //!   [`Prior::copied`] nearly all; but of wear (grain, stains, how things lie), which is
 //!   nowhere else, it shares [`Prior::shared_wear`] only, unless with probability [`Prior::printed`] what looks like wear is made
@@ -107,7 +108,7 @@ params! {
         /// Expected share that has changed after very many days. Range 1e-4–0.5. A third of the things in rooms scanned
         /// again after weeks or months (Wald et al. 2019, 3RScan).
         pub changed_at_last: f64 = 0.33,
-        /// Expected share of wear that has changed, however many days apart. Range 1e-4–0.5. Things are moved and walls stay; grain beside what
+        /// Expected share of wear that has changed after days. Range 1e-4–0.5. Things are moved and walls stay; grain beside what
         /// looks otherwise does not count. Of rendered places of which 5 to 50 % was moved a hundredth of the wear differs.
         pub changed_wear: f64 = 0.02,
         /// Days after which all but 1/e of that has changed. Range 0.1–10000.

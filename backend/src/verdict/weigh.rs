@@ -119,6 +119,8 @@ struct Model {
     same: Vec<f64>,
     same_wear: Vec<f64>,
     anything: Vec<f64>,
+    /// Whether things have changed more than walls, so that both have shares of their own.
+    is_later: bool,
     /// ln of the probability that one place was rearranged, that wear is printed, that a double's looks are copies, and of the contrary of
     /// each.
     ln_rearranged: [f64; 2],
@@ -142,7 +144,8 @@ impl Model {
         let ln = |probability: f64| [probability.ln(), (1.0 - probability).ln()];
         let shared_wear = Share::new((prior.shared_wear / (1.0 - prior.shared_wear)).ln());
         let [ln_rearranged, ln_printed, ln_copied] = [prior.rearranged, prior.printed, prior.copied].map(ln);
-        Self { grid, same, same_wear, anything, ln_rearranged, ln_printed, ln_copied, shared_wear }
+        let is_later = prior.changed() > prior.changed_wear;
+        Self { grid, same, same_wear, anything, is_later, ln_rearranged, ln_printed, ln_copied, shared_wear }
     }
 
     fn terms(&self, piece: &Piece) -> Vec<f64> {
@@ -152,10 +155,15 @@ impl Model {
     /// How likely all pieces are of one place, by their summed terms.
     fn ln_same(&self, sums: &Sums) -> f64 {
         let [rearranged, kept] = self.ln_rearranged;
+        let but_for_changes = |terms: &[f64]| {
+            ln_add(kept + integral(&self.same, terms), rearranged + integral(&self.anything, terms))
+        };
         let things = sum(&sums.shapes, &sums.looks);
-        let things =
-            ln_add(kept + integral(&self.same, &things), rearranged + integral(&self.anything, &things));
-        things + integral(&self.same_wear, &sums.wear)
+        if self.is_later {
+            but_for_changes(&things) + integral(&self.same_wear, &sums.wear)
+        } else {
+            but_for_changes(&sum(&things, &sums.wear))
+        }
     }
 
     /// How likely wear is of a double where it is made in numbers: shared as in one place or to any share, whichever explains it better.
@@ -172,12 +180,17 @@ impl Model {
 
     fn ln_ratio(&self, sums: &Sums) -> f64 {
         let [printed, worn] = self.ln_printed;
-        let things = if sums.count > 0.0 {
-            self.ln_double(&sums.shapes, &sums.looks)
-        } else {
-            integral(&self.anything, &sums.shapes)
+        // Shapes alone are no copies.
+        let double = |looks: &[f64]| match sums.count > 0.0 {
+            true => self.ln_double(&sums.shapes, looks),
+            false => integral(&self.anything, &sum(&sums.shapes, looks)),
         };
-        self.ln_same(sums) - things - ln_add(worn + sums.shared_wear, printed + self.ln_print(&sums.wear))
+        let things = double(&sums.looks);
+        let alike = match self.is_later {
+            true => things + self.ln_print(&sums.wear),
+            false => double(&sum(&sums.looks, &sums.wear)),
+        };
+        self.ln_same(sums) - ln_add(worn + things + sums.shared_wear, printed + alike)
     }
 }
 

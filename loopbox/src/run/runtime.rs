@@ -70,8 +70,8 @@ pub struct Run<'a> {
 }
 
 impl<'a> Run<'a> {
-    /// A run that is to begin: of the agent `identity`, where that is known already.
-    pub fn new(atlas: Atlas, camera: Pinhole, identity: Option<Identity>, ahead: &Ahead) -> Self {
+    /// A run that is to begin: of the agent `identity`, where that is known already. `dropped_before` frames were dropped for the runs before.
+    pub fn new(atlas: Atlas, camera: Pinhole, identity: Option<Identity>, dropped_before: u64) -> Self {
         Self {
             atlas,
             kept: None,
@@ -92,7 +92,7 @@ impl<'a> Run<'a> {
             statistics: ImageStatistics::default(),
             last_reason: None,
             wall_s: 0.0,
-            dropped_before: ahead.dropped(),
+            dropped_before,
             restart: false,
             failure: None,
             scale_breaks: BTreeMap::new(),

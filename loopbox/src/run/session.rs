@@ -79,6 +79,7 @@ impl Session<'_> {
         };
         let mut identity = self.about.identity;
         let mut next = self.kept.as_ref();
+        let mut dropped_before = 0;
         loop {
             watch.folder(output.folder());
             let kept = next.take();
@@ -103,7 +104,8 @@ impl Session<'_> {
                 .transpose()
                 .context("cannot start a thread")?;
             let check = self.lens.as_ref().filter(|_| !localises).map(|lens| LensCheck::new(lens.clone()));
-            let run = Run::new(atlas, self.setup.camera, identity, ahead).with(describer, check).within(kept);
+            let run = Run::new(atlas, self.setup.camera, identity, dropped_before);
+            let run = run.with(describer, check).within(kept);
             let run = run.with_listeners(self.listeners.clone()).left_alone(self.unattended);
             let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
@@ -121,6 +123,7 @@ impl Session<'_> {
                 output = self.next_output(&first, output.folder(), watch)?;
             }
             watch.restart();
+            dropped_before = ahead.dropped();
         }
     }
 
