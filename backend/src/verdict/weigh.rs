@@ -66,9 +66,7 @@ fn ordered(pieces: &[Piece]) -> Vec<usize> {
 /// explains more of what both saw. Without pieces it is 0.
 pub fn explained(pieces: &[Piece], prior: &Prior) -> f64 {
     let model = Model::new(prior);
-    let mut order: Vec<&Piece> = pieces.iter().filter(|piece| is_measured(piece)).collect();
-    order.sort_by(|a, b| compare(a, b));
-    model.ln_same(&Sums::of(order.into_iter(), &model))
+    model.ln_same(&Sums::of(ordered(pieces).into_iter().map(|i| &pieces[i]), &model))
 }
 
 /// Terms of pieces, summed at each share of those that are the same in both maps.

@@ -89,7 +89,7 @@ pub struct PlaceEvidence {
     /// How many things were compared.
     pub things: f64,
     /// Share of them, 0–1, that are wear which agrees.
-    pub agreeing_wear: f64,
+    pub inlier_wear: f64,
     /// Share, 0–1, that is expected to differ in one place after the days between the maps.
     pub expected_change: f64,
     /// What of `ln_ratio` would be missing without wear, the surface that is nowhere else: above 0 it speaks for one place.
@@ -107,8 +107,8 @@ impl PlaceEvidence {
             pieces.clone().filter(of).map(|piece| piece.things).sum()
         };
         let things = things_of(&|_| true);
-        let agreeing_wear = things_of(&|piece| piece.kind == PieceKind::Wear && piece.ln_agreement > 0.0);
-        let agreeing_wear = if things > 0.0 { agreeing_wear / things } else { 0.0 };
+        let inlier_wear = things_of(&|piece| piece.kind == PieceKind::Wear && piece.ln_agreement > 0.0);
+        let inlier_wear = if things > 0.0 { inlier_wear / things } else { 0.0 };
         let others = pieces.filter(|piece| piece.kind != PieceKind::Wear).collect::<Vec<_>>();
         let own = ln_ratio - verdict::ln_ratio(&others, prior);
         let (probability, needed) = (prior.probability(ln_ratio), prior.certainty);
@@ -120,7 +120,7 @@ impl PlaceEvidence {
             needed,
             changed,
             things,
-            agreeing_wear,
+            inlier_wear,
             expected_change,
             own,
             grain,

@@ -131,8 +131,8 @@ pub fn judge(evidence: Evidence, params: &AcceptanceParams) -> Verdict {
 }
 
 fn judge_as(evidence: Evidence, params: &AcceptanceParams, is_confirmed: bool) -> Verdict {
-    let is_told = evidence.place.as_ref().is_some_and(|place| is_told_by_grain(place, params));
-    let mut test = Test { lines: Vec::new(), against: None, open: None, is_confirmed, is_told };
+    let is_same_by_grain = evidence.place.as_ref().is_some_and(|place| is_same_by_grain(place, params));
+    let mut test = Test { lines: Vec::new(), against: None, open: None, is_confirmed, is_same_by_grain };
     if let Some(place) = &evidence.place {
         test.place(place, params);
     }
@@ -163,7 +163,7 @@ struct Test {
     /// Whether it is known that the maps show one place.
     is_confirmed: bool,
     /// Whether the surface tells that they do, by its own grain.
-    is_told: bool,
+    is_same_by_grain: bool,
 }
 
 impl Test {
@@ -234,7 +234,7 @@ impl Test {
         let Beyond { tested, confirmed, closures, rival, .. } = *beyond;
         let needed = 100.0 * params.min_aligned_share;
         // Where much was moved, views of it cannot be aligned: against the grain of what stayed that is no contradiction.
-        let against = if self.is_told { Says::Open } else { Says::Against };
+        let against = if self.is_same_by_grain { Says::Open } else { Says::Against };
         self.least(
             "overlaps aligned",
             [beyond.aligned_share(), params.min_aligned_share],
@@ -253,7 +253,7 @@ impl Test {
         let (share, limit) = (beyond.missing_share, params.max_missing_share);
         self.most("missing", [share, limit], Says::Against, Doubt::Missing { share, limit });
         // What differs is among the pieces that the surface was judged by.
-        let otherwise = if self.is_confirmed || self.is_told { Says::For } else { Says::Open };
+        let otherwise = if self.is_confirmed || self.is_same_by_grain { Says::For } else { Says::Open };
         let enough = |views: usize, share: f64| if views < params.min_views { 0.0 } else { share };
         let (views, limit) = (beyond.absent_views, params.max_absent_share);
         let share = enough(views, beyond.absent_share);
@@ -310,10 +310,10 @@ impl Test {
 
 /// Whether the surface tells that the place is one, and has a grain of its own for certain and in all of it, which would be another in a double.
 /// What differs is weighed in that.
-fn is_told_by_grain(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
+fn is_same_by_grain(place: &PlaceEvidence, params: &AcceptanceParams) -> bool {
     matches!(place.answer, Answer::Same | Answer::SameChanged)
         && place.grain >= place.needed
-        && place.agreeing_wear >= params.min_told_wear
+        && place.inlier_wear >= params.min_inlier_wear
 }
 
 /// Whether the surface leaves it open whether the place is one, so that other lines may not tell either. It does where more differs than is

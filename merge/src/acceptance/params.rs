@@ -68,7 +68,7 @@ pub struct AcceptanceParams {
     /// Least share of the things both maps see whose wear agrees, from which on surface that tells one place by a grain of its own outweighs
     /// what differs. Default 0.1; 0 to 1. Below, as in a shop's aisle, what little wear there is may be the faint print of goods, which two
     /// places share; print is on a tenth of what is bare, and grain all over it.
-    pub min_told_wear: f64,
+    pub min_inlier_wear: f64,
     /// Largest standard deviation of the rotation, degrees. Default 0.35; above 0. A turn by that moves what is
     /// 10 m away by 6 cm.
     pub max_rotation_deviation: f64,
@@ -99,7 +99,7 @@ impl Default for AcceptanceParams {
             max_rival_place: 0.75,
             min_undecided_change: 0.1,
             min_undecided_probability: 0.33,
-            min_told_wear: 0.1,
+            min_inlier_wear: 0.1,
             max_rotation_deviation: 0.35,
             max_translation_deviation: 0.03,
             max_scale_deviation: 0.03,

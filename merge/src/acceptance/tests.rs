@@ -42,7 +42,7 @@ const PLACE: PlaceEvidence = PlaceEvidence {
     needed: 0.99,
     changed: 0.0,
     things: 40.0,
-    agreeing_wear: 0.0,
+    inlier_wear: 0.0,
     expected_change: 0.001,
     own: 1.0,
     grain: 0.99,
@@ -262,25 +262,25 @@ fn what_differs_without_grain_may_be_another_place() {
 /// contradict nothing. The pose must still be right.
 #[test]
 fn grain_that_is_all_over_outweighs_what_differs() {
-    let told = PlaceEvidence { answer: Answer::SameChanged, agreeing_wear: 0.1, changed: 0.2, ..PLACE };
+    let same = PlaceEvidence { answer: Answer::SameChanged, inlier_wear: 0.1, changed: 0.2, ..PLACE };
     let of = |place: PlaceEvidence, beyond: Beyond| {
         verdict(Evidence { place: Some(place), beyond: Some(beyond), ..ENOUGH })
     };
     let moved = Beyond { absent_share: 0.1, unlike_share: 0.1, absent_views: 8, unlike_views: 8, ..BEYOND };
-    assert!(of(told, moved).accepts());
+    assert!(of(same, moved).accepts());
     for place in [
-        PlaceEvidence { agreeing_wear: 0.09, ..told },
-        PlaceEvidence { grain: 0.98, ..told },
-        PlaceEvidence { answer: Answer::CannotTell, changed: 0.0, ..told },
+        PlaceEvidence { inlier_wear: 0.09, ..same },
+        PlaceEvidence { grain: 0.98, ..same },
+        PlaceEvidence { answer: Answer::CannotTell, changed: 0.0, ..same },
     ] {
         assert!(!of(place, moved).accepts(), "{place:?}");
     }
     for wrong in [Beyond { failed: 2, ..BEYOND }, Beyond { confirmed: 1, ..BEYOND }] {
-        assert!(matches!(of(told, wrong).decision, Decision::Undecided(Doubt::Alone { .. })));
+        assert!(matches!(of(same, wrong).decision, Decision::Undecided(Doubt::Alone { .. })));
         assert!(matches!(of(PLACE, wrong).decision, Decision::Refused(Doubt::Alone { .. })));
     }
-    assert!(!of(told, Beyond { rival: 3, ..BEYOND }).accepts());
-    assert!(!of(told, Beyond { through_share: 0.06, ..BEYOND }).accepts());
+    assert!(!of(same, Beyond { rival: 3, ..BEYOND }).accepts());
+    assert!(!of(same, Beyond { through_share: 0.06, ..BEYOND }).accepts());
 }
 
 /// A person knows the place, and not the pose.
