@@ -291,6 +291,24 @@ fn summary(record: &RunRecord, out: &str) -> String {
             frames.doubted
         );
     }
+    text += &missing_frames(record);
+    if record.interrupted {
+        text += "interrupted: what was tracked so far is saved\n";
+        if !record.files.is_empty() && !record.files.iter().any(|name| name.ends_with(".ply")) {
+            text += &format!("the map is left as it has grown: `loopbox export {out}` makes its cloud\n");
+        }
+    }
+    text += &format!("written to {out}\n");
+    if record.files.iter().any(|name| name == REPORT) {
+        text += &format!("open {} in a browser\n", Path::new(out).join(REPORT).display());
+    }
+    text
+}
+
+/// Frames that were lost, dropped or missed, and how long those took that were not.
+fn missing_frames(record: &RunRecord) -> String {
+    let (frames, cost) = (&record.frames, &record.cost);
+    let mut text = String::new();
     if frames.losses > 0 {
         text += &format!("times lost: {}\n", frames.losses_text());
     }
@@ -311,16 +329,6 @@ fn summary(record: &RunRecord, out: &str) -> String {
             "{:.1} ms from image to pose (99 %: {:.1} ms, longest {:.1} ms)\n",
             latency.median, latency.p99, latency.max
         );
-    }
-    if record.interrupted {
-        text += "interrupted: what was tracked so far is saved\n";
-        if !record.files.is_empty() && !record.files.iter().any(|name| name.ends_with(".ply")) {
-            text += &format!("the map is left as it has grown: `loopbox export {out}` makes its cloud\n");
-        }
-    }
-    text += &format!("written to {out}\n");
-    if record.files.iter().any(|name| name == REPORT) {
-        text += &format!("open {} in a browser\n", Path::new(out).join(REPORT).display());
     }
     text
 }

@@ -14,17 +14,19 @@ mod merging;
 mod perturbed;
 mod rendering;
 mod report;
+mod sequences;
 mod side_by_side;
 mod similar_places;
 mod targets;
 mod town;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use clap::Parser;
 use measure::{Measurement, Runner};
 use measuring::document;
 use merging::Merging;
-use std::path::{Path, PathBuf};
+use sequences::{name, sequences};
+use std::path::PathBuf;
 
 /// Measure loopbox on sequences with ground truth and write the results into documents
 #[derive(Debug, Parser)]
@@ -376,27 +378,4 @@ fn merging_sections(merging: &Merging, runs: usize) -> [(&'static str, String); 
         ("refusals", report::refusals(merging)),
         ("merging-summary", report::summary(merging)),
     ]
-}
-
-/// The name of a sequence's folder.
-fn name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
-}
-
-/// The folders of `data` that are sequences with ground truth, by name.
-fn sequences(data: &Path, only: &[String]) -> Result<Vec<PathBuf>> {
-    let unreadable = || format!("{}: the folder of sequences cannot be read", data.display());
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(data).with_context(unreadable)? {
-        let path = entry.with_context(unreadable)?.path();
-        let complete = path.join("groundtruth.txt").is_file() && path.join("times.txt").is_file();
-        if complete && (only.is_empty() || only.contains(&name(&path))) {
-            found.push(path);
-        }
-    }
-    if found.is_empty() {
-        bail!("{}: holds no sequence with times.txt and groundtruth.txt to measure", data.display());
-    }
-    found.sort();
-    Ok(found)
 }

@@ -331,27 +331,7 @@ fn summary(record: &LidarRecord, out: &Path) {
             scans.guessed
         );
     }
-    if scans.losses > 0 {
-        let times = if scans.losses == 1 { "once" } else { &*format!("{} times", scans.losses) };
-        let what = match &record.fragments[..] {
-            [_] => "; where it went on is in the map too".to_owned(),
-            [_, apart @ ..] => {
-                let of = |(place, row): (usize, &FragmentRow)| {
-                    format!(
-                        "{} scans from {:.1} to {:.1} s in map-{}.mcap",
-                        row.scans,
-                        row.from_s,
-                        row.to_s,
-                        place + 2
-                    )
-                };
-                let parts: Vec<String> = apart.iter().enumerate().map(of).collect();
-                format!("; what saw no place of the map is apart: {}", parts.join(", "))
-            }
-            [] => String::new(),
-        };
-        say!("lost         {times}{what}");
-    }
+    say_losses(record);
     say!("way          {:.2} m", map.path_m);
     say!("keyframes    {} with {} points", map.keyframes, map.points);
     say!(
@@ -377,4 +357,30 @@ fn summary(record: &LidarRecord, out: &Path) {
         cost.p99_ms
     );
     say!("results      {}", out.display());
+}
+
+/// Says how often the sensor was lost, and where the scans are that see no place of the map.
+fn say_losses(record: &LidarRecord) {
+    if record.scans.losses == 0 {
+        return;
+    }
+    let times = if record.scans.losses == 1 { "once" } else { &*format!("{} times", record.scans.losses) };
+    let what = match &record.fragments[..] {
+        [_] => "; where it went on is in the map too".to_owned(),
+        [_, apart @ ..] => {
+            let of = |(place, row): (usize, &FragmentRow)| {
+                format!(
+                    "{} scans from {:.1} to {:.1} s in map-{}.mcap",
+                    row.scans,
+                    row.from_s,
+                    row.to_s,
+                    place + 2
+                )
+            };
+            let parts: Vec<String> = apart.iter().enumerate().map(of).collect();
+            format!("; what saw no place of the map is apart: {}", parts.join(", "))
+        }
+        [] => String::new(),
+    };
+    say!("lost         {times}{what}");
 }

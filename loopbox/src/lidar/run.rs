@@ -9,8 +9,9 @@ use super::record::{Cost, FragmentRow, LidarRecord, LoopRow, MapCounts, ScanCoun
 use anyhow::{Result, bail};
 use map::{AgentInfo, Map, SensorKind};
 use rustix::time::{ClockId, clock_gettime};
-use scans::{NextScan, ScanError, ScanSource};
+use scans::{NextScan, ScanError, ScanInfo, ScanSource};
 use slam_lidar::mapping::{Agent, MappingParams};
+use std::cmp::Ordering;
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -71,99 +72,146 @@ pub fn run(
     observe: &mut dyn FnMut(Event<'_>) -> Result<ControlFlow<()>>,
 ) -> Result<LidarRun> {
     let RunOptions { about, params, poses, start, end } = options;
-    let (info, begin) = (source.info().clone(), Instant::now());
-    let given_poses = poses.is_some();
-    let mut mapper = Mapper::new(about, params, poses);
-    let (mut ranges, farthest) = (Ranges::default(), params.odometry.range.1);
-    let (mut scans, mut rows, mut interrupted) = (ScanCounts::default(), Vec::new(), false);
-    let mut first = None;
+    let (begin, given_poses) = (Instant::now(), poses.is_some());
+    let mut span = Span { start, end, first: None };
+    let mut intake = Intake {
+        mapper: Mapper::new(about, params, poses),
+        ranges: Ranges::default(),
+        farthest: params.odometry.range.1,
+        scans: ScanCounts::default(),
+        rows: Vec::new(),
+    };
+    let mut interrupted = false;
     while let Some(next) = source.next_scan() {
-        // A scan that is none has no time that others count from.
-        let after = match next.scan {
-            Ok(_) => next.stamp - *first.get_or_insert(next.stamp),
-            Err(_) => first.map_or(0.0, |first: f64| next.stamp - first),
-        };
-        if start.is_some_and(|start| after < start) {
-            continue;
+        match span.place(&next) {
+            Ordering::Less => continue,
+            Ordering::Greater => break,
+            Ordering::Equal => {}
         }
-        if end.is_some_and(|end| after > end) {
-            break;
-        }
-        scans.offered += 1;
-        let index = next.index;
-        if let Ok(scan) = &next.scan {
-            scans.stale_points += scan.stale as u64;
-            if ranges.count() < RANGED {
-                ranges.add(scan, farthest);
-            }
-        }
-        let far = next.scan.as_ref().ok().filter(|_| ranges.are_mostly_beyond());
-        let far = far.and_then(|scan| too_far(scan, farthest));
-        let taken = match far {
-            Some(detail) => Err(Skip { reason: "too_few_points", detail }),
-            None => map_scan(&mut mapper, next, &mut scans),
-        };
-        let flow = match taken {
-            Ok(row) => {
-                rows.push(row);
-                let (fragment, map) = mapper.active_map();
-                observe(Event::Scan { row: &row, fragment, map })?
-            }
-            Err(Skip { reason, detail }) => {
-                *scans.skipped.entry(reason).or_default() += 1;
-                scans.skipped_first.entry(reason).or_insert_with(|| detail.clone());
-                observe(Event::Skipped { index, reason, detail: &detail })?
-            }
-        };
-        if flow.is_break() {
+        if intake.take(next, observe)?.is_break() {
             interrupted = true;
             break;
         }
     }
-    if rows.is_empty() {
-        let why = scans.skipped_first.values().next().map_or("there is no scan".to_owned(), Clone::clone);
-        bail!("{}: no scan could be used: {why}", info.path.display());
+    let wall_s = begin.elapsed().as_secs_f64();
+    let mut result = intake.into_result(source.info(), wall_s, params)?;
+    (result.record.given_poses, result.record.interrupted) = (given_poses, interrupted);
+    Ok(result)
+}
+
+/// Which scans of a recording are asked for.
+struct Span {
+    start: Option<f64>,
+    end: Option<f64>,
+    /// Stamp of the first scan.
+    first: Option<f64>,
+}
+
+impl Span {
+    /// Whether a scan is before, within or after it.
+    fn place(&mut self, next: &NextScan) -> Ordering {
+        // A scan that is none has no time that others count from.
+        let after = match next.scan {
+            Ok(_) => next.stamp - *self.first.get_or_insert(next.stamp),
+            Err(_) => self.first.map_or(0.0, |first| next.stamp - first),
+        };
+        if self.start.is_some_and(|start| after < start) {
+            Ordering::Less
+        } else if self.end.is_some_and(|end| after > end) {
+            Ordering::Greater
+        } else {
+            Ordering::Equal
+        }
     }
-    let cost = Cost::of(
-        rows.iter().map(|row| row.ms).collect(),
-        rows.iter().map(|row| row.cpu_ms).collect(),
-        begin.elapsed().as_secs_f64(),
-    );
-    let fragments = mapper.into_fragments();
-    let losses = fragments.len() as u64 - 1;
-    let (maps, agents): (Vec<Map>, Vec<Agent>) = fragments.into_iter().map(|f| (f.map, f.agent)).unzip();
-    let maps = joined(maps);
-    let most = agents.into_iter().reduce(|a, b| if b.sweeps().len() > a.sweeps().len() { b } else { a });
-    let (Some((map, apart)), Some(agent)) = (maps.split_first(), most) else { bail!("there is no map") };
-    scans.losses = losses;
-    scans.tracked_apart = apart.iter().map(|map| map.frames.len() as u64).sum();
-    scans.tracked -= scans.tracked_apart;
-    let stale = (scans.stale_points > 0)
-        .then(|| format!("{} points were left out, whose times are not of their sweep", scans.stale_points));
-    let guessed = GuessedRow::of(&rows);
-    let warnings = ranges.warning(farthest).into_iter().chain(too_few_scans(&scans)).chain(stale);
-    let warnings = warnings.chain(doubtful(&guessed));
-    let record = LidarRecord {
-        warnings: warnings.collect(),
-        point_times: None,
-        version: env!("CARGO_PKG_VERSION"),
-        commit: crate::program::commit(),
-        sensor: SensorKind::Lidar,
-        source: SourceRecord::of(&info),
-        params,
-        given_poses,
-        interrupted,
-        scans,
-        cost,
-        map: MapCounts::of(map, &agent, &guessed),
-        guessed,
-        fragments: maps.iter().map(FragmentRow::of).collect(),
-        loops: agent.loops().iter().map(LoopRow::of).collect(),
-        refused_loops: agent.refused().iter().map(LoopRow::of_refused).collect(),
-        files: Vec::new(),
-        rows,
-    };
-    Ok(LidarRun { maps, agent, record })
+}
+
+/// Scans on their way into a map, and what became of them.
+struct Intake {
+    mapper: Mapper,
+    ranges: Ranges,
+    /// Farthest points that are used, metres.
+    farthest: f32,
+    scans: ScanCounts,
+    rows: Vec<ScanRow>,
+}
+
+impl Intake {
+    /// Adds a scan to the map or skips it, and tells so.
+    fn take(
+        &mut self,
+        next: NextScan,
+        observe: &mut dyn FnMut(Event<'_>) -> Result<ControlFlow<()>>,
+    ) -> Result<ControlFlow<()>> {
+        self.scans.offered += 1;
+        let index = next.index;
+        if let Ok(scan) = &next.scan {
+            self.scans.stale_points += scan.stale as u64;
+            if self.ranges.count() < RANGED {
+                self.ranges.add(scan, self.farthest);
+            }
+        }
+        let far = next.scan.as_ref().ok().filter(|_| self.ranges.are_mostly_beyond());
+        let taken = match far.and_then(|scan| too_far(scan, self.farthest)) {
+            Some(detail) => Err(Skip { reason: "too_few_points", detail }),
+            None => map_scan(&mut self.mapper, next, &mut self.scans),
+        };
+        match taken {
+            Ok(row) => {
+                self.rows.push(row);
+                let (fragment, map) = self.mapper.active_map();
+                observe(Event::Scan { row: &row, fragment, map })
+            }
+            Err(Skip { reason, detail }) => {
+                *self.scans.skipped.entry(reason).or_default() += 1;
+                self.scans.skipped_first.entry(reason).or_insert_with(|| detail.clone());
+                observe(Event::Skipped { index, reason, detail: &detail })
+            }
+        }
+    }
+
+    /// The maps and the numbers of a run that took `wall_s` seconds.
+    fn into_result(self, info: &ScanInfo, wall_s: f64, params: MappingParams) -> Result<LidarRun> {
+        let Self { mapper, ranges, farthest, mut scans, rows } = self;
+        if rows.is_empty() {
+            let why = scans.skipped_first.values().next().map_or("there is no scan".to_owned(), Clone::clone);
+            bail!("{}: no scan could be used: {why}", info.path.display());
+        }
+        let fragments = mapper.into_fragments();
+        scans.losses = fragments.len() as u64 - 1;
+        let (maps, agents): (Vec<Map>, Vec<Agent>) = fragments.into_iter().map(|f| (f.map, f.agent)).unzip();
+        let maps = joined(maps);
+        let most = agents.into_iter().reduce(|a, b| if b.sweeps().len() > a.sweeps().len() { b } else { a });
+        let (Some((map, apart)), Some(agent)) = (maps.split_first(), most) else { bail!("there is no map") };
+        scans.tracked_apart = apart.iter().map(|map| map.frames.len() as u64).sum();
+        scans.tracked -= scans.tracked_apart;
+        let stale = (scans.stale_points > 0).then(|| {
+            format!("{} points were left out, whose times are not of their sweep", scans.stale_points)
+        });
+        let guessed = GuessedRow::of(&rows);
+        let warnings = ranges.warning(farthest).into_iter().chain(too_few_scans(&scans)).chain(stale);
+        let (ms, cpu_ms) = rows.iter().map(|row| (row.ms, row.cpu_ms)).unzip();
+        let record = LidarRecord {
+            warnings: warnings.chain(doubtful(&guessed)).collect(),
+            point_times: None,
+            version: env!("CARGO_PKG_VERSION"),
+            commit: crate::program::commit(),
+            sensor: SensorKind::Lidar,
+            source: SourceRecord::of(info),
+            params,
+            given_poses: false,
+            interrupted: false,
+            scans,
+            cost: Cost::of(ms, cpu_ms, wall_s),
+            map: MapCounts::of(map, &agent, &guessed),
+            guessed,
+            fragments: maps.iter().map(FragmentRow::of).collect(),
+            loops: agent.loops().iter().map(LoopRow::of).collect(),
+            refused_loops: agent.refused().iter().map(LoopRow::of_refused).collect(),
+            files: Vec::new(),
+            rows,
+        };
+        Ok(LidarRun { maps, agent, record })
+    }
 }
 
 /// So many scans tell in what unit lengths are.

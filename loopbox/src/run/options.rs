@@ -255,19 +255,14 @@ impl PreparedRun {
         if let Some(path) = &options.record {
             recorder.start(path, &head)?;
         }
-        let (lens, halvings) = (*correction.lens(), correction.halvings());
         let focal_deviation = options.lens.as_ref().map(|lens| lens.focal_deviation);
         let calibration = CalibrationRecord::new(&correction, focal_deviation);
         let unused = correction.unused().cloned();
-        let first_part = options.recording.map(|recording| {
-            let mask = correction.drawn_mask().cloned();
-            FirstPart { recording, halvings, mask, params: params.clone(), stop: stop.clone() }
-        });
+        let lens = options.lens.is_none().then(|| given_lens(&correction, options.recording, &params, stop));
         let preparation = Preparation::new(correction, options.start, options.end);
         let ahead = Ahead::start(source, preparation, options.pace, recorder.clone())?;
         let mut watch = watched(&about, info.frame_count, RecordButton::new(&recorder, head, &options.out))?;
         let form = Form { format: options.trajectory, max_variance: options.max_variance };
-        let lens = options.lens.is_none().then_some(GivenLens { lens, halvings, first_part });
         let (features, unattended) = (options.features, options.unattended);
         let setup = Setup { source: info, camera, calibration, params };
         let swap = options.swap.unwrap_or_else(|| Arc::new(SwapFiles::new(options.out.clone())));
@@ -296,17 +291,7 @@ impl PreparedRun {
         if let Ok(Some(summary)) = &recorded {
             progress.note(&summary.text());
         }
-        if let Some(warning) = too_few_poses(&mapped.record.frames) {
-            progress.warn(&warning);
-        }
-        let fragments = mapped.record.fragments.iter();
-        let warnings = fragments.flat_map(|one| {
-            let scale = doubtful_scale(&one.trajectory, &one.scale_doubts);
-            doubtful(&one.map, one.without_depth.as_ref()).into_iter().chain(not_carried(one)).chain(scale)
-        });
-        for warning in warnings {
-            progress.warn(&warning);
-        }
+        warn(&mapped, progress);
         progress.mapped(&mapped.record, &mapped.folder);
         let note = format!("The run has ended. Its results are in {}", mapped.folder.display());
         let report = mapped.record.files.iter().any(|name| name == REPORT);
@@ -315,6 +300,30 @@ impl PreparedRun {
         recorded?;
         Ok(mapped)
     }
+}
+
+/// Says what of a result is doubtful.
+fn warn(mapped: &Mapped, progress: &dyn Progress) {
+    let fragments = mapped.record.fragments.iter().flat_map(|one| {
+        let scale = doubtful_scale(&one.trajectory, &one.scale_doubts);
+        doubtful(&one.map, one.without_depth.as_ref()).into_iter().chain(not_carried(one)).chain(scale)
+    });
+    too_few_poses(&mapped.record.frames).into_iter().chain(fragments).for_each(|text| progress.warn(&text));
+}
+
+/// The lens that images are undistorted by, and of a recording its first part, from which a better one is found.
+fn given_lens(
+    correction: &ImageCorrection,
+    recording: Option<Recording>,
+    params: &Params,
+    stop: &Stop,
+) -> GivenLens {
+    let (lens, halvings) = (*correction.lens(), correction.halvings());
+    let first_part = recording.map(|recording| {
+        let mask = correction.drawn_mask().cloned();
+        FirstPart { recording, halvings, mask, params: params.clone(), stop: stop.clone() }
+    });
+    GivenLens { lens, halvings, first_part }
 }
 
 /// An identity that no other agent has.

@@ -1,6 +1,7 @@
 //! One run: feeds the agent and keeps the numbers.
 
 mod finishing;
+mod items;
 
 use crate::run::Progress;
 use crate::run::describing::Describer;
@@ -17,18 +18,21 @@ use map::{Identity, Map, MapDelta};
 use slam_direct::{Atlas, Frame, FrameReport, ScaleBreak, TrackingState};
 use sources::Stop;
 use sources::ahead::{Ahead, Item, SkipReason};
-use sources::notice::Notice;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use view::watch::{Command, Watch};
 
-/// How long the last optimisation may take once the user wishes to stop.
-const LAST_WORK: Duration = Duration::from_secs(4);
-/// The same where nobody looks after the run, and the machine may be about to be switched off.
-const LAST_WORK_ALONE: Duration = Duration::from_secs(1);
 /// Rows that are kept of a run that nobody looks after: those of the last hours.
 const ROWS_ALONE: usize = 1 << 18;
+
+/// What a run is fed by, who stops it, and whom it tells.
+#[derive(Clone, Copy)]
+pub struct Feed<'f> {
+    pub ahead: &'f Ahead,
+    pub stop: &'f Stop,
+    pub progress: &'f dyn Progress,
+}
 
 /// A run whose frames are processed.
 pub struct Run<'a> {
@@ -58,6 +62,11 @@ pub struct Run<'a> {
     has_tracked: bool,
     /// Whether the agent ended its map itself.
     is_whole: bool,
+    /// Why a part of the run could not be done.
+    broken: Option<String>,
+    /// Whether the map waits for room on the disk.
+    waits_for_room: bool,
+    milestones: Milestones,
     statistics: ImageStatistics,
     last_reason: Option<&'static str>,
     wall_s: f64,
@@ -89,6 +98,9 @@ impl<'a> Run<'a> {
             losses: Losses::default(),
             has_tracked: false,
             is_whole: true,
+            broken: None,
+            waits_for_room: false,
+            milestones: Milestones::default(),
             statistics: ImageStatistics::default(),
             last_reason: None,
             wall_s: 0.0,
@@ -125,102 +137,43 @@ impl<'a> Run<'a> {
     /// # Errors
     /// When results cannot be written on the way.
     pub fn track(
-        self,
-        ahead: &Ahead,
-        stop: &Stop,
-        progress: &dyn Progress,
+        mut self,
+        feed: Feed,
         output: &mut Output,
         watch: &mut Watch,
         save: &dyn Fn(&Self, &Output, &Watch),
     ) -> Result<Self> {
+        let Feed { ahead, stop, progress } = feed;
         let started = Instant::now();
-        let mut run = self;
-        let (mut broken, mut is_waiting, mut milestones) = (None, false, Milestones::default());
         loop {
-            run.wall_s = started.elapsed().as_secs_f64();
-            while !run.restart
+            self.wall_s = started.elapsed().as_secs_f64();
+            while !self.restart
                 && let Some(command) = watch.attend(stop)
             {
                 match command {
-                    Command::Restart => run.restart = true,
-                    _ => save(&run, output, watch),
+                    Command::Restart => self.restart = true,
+                    _ => save(&self, output, watch),
                 }
             }
-            if run.restart {
+            if self.restart {
                 break;
             }
             let Some(item) = ahead.next_item(stop) else { break };
-            match item {
-                Item::Frame(frame, taken) => {
-                    let process = || run.process(frame, taken, progress, ahead.dropped(), watch);
-                    let Some(deltas) = guarded("tracking", process, &mut broken) else { break };
-                    let deltas = deltas?;
-                    progress.lost(ahead.dropped(), ahead.missed());
-                    run.describe(&deltas);
-                    run.notify_changed(&deltas);
-                    output.identify(run.identity_of(run.fragment));
-                    if !run.localises()
-                        && let Err(error) = output.grow(run.fragment, run.map(), deltas)
-                    {
-                        run.failure = Some(format!("{error:#}"));
-                        break;
-                    }
-                    is_waiting = report_room(is_waiting, output.waits_for_room(), progress);
-                    run.check_lens(progress);
-                    if milestones.is_due(run.wall_s) {
-                        progress.note(&run.standing(ahead).text());
-                    }
-                }
-                Item::Skipped(skip) => {
-                    progress.skipped(&skip);
-                    *run.skipped.entry(skip.reason).or_default() += 1;
-                    run.first_skip.get_or_insert_with(|| skip.detail.clone());
-                }
-                Item::Warning(text) => progress.warn(&text),
-                Item::Notice(notice) => {
-                    progress.notice(&notice);
-                    if let Notice::Gone(_) = notice
-                        && let Err(error) = output.flush()
-                    {
-                        run.failure = Some(format!("{error:#}"));
-                        break;
-                    }
-                }
-                Item::Failed(reason) => run.failure = Some(reason),
-                Item::Nothing => {}
+            let flow = match item {
+                Item::Frame(frame, taken) => self.take_frame((frame, taken), feed, output, watch)?,
+                Item::Notice(notice) => self.take_notice(&notice, progress, output),
+                other => self.note(other, progress),
+            };
+            if flow.is_break() {
+                break;
             }
         }
-        if !run.restart {
+        if !self.restart {
             ahead.end();
         }
-        progress.stage("last optimisation");
-        if broken.is_none() {
-            let hurry = Instant::now();
-            let patience = if run.is_alone { LAST_WORK_ALONE } else { LAST_WORK };
-            let is_large = run.is_large();
-            let stop = || stop.requested() && (is_large || hurry.elapsed() > patience);
-            guarded("the last optimisation", || run.atlas.finish_until(&stop), &mut broken);
-        }
-        if let Some(mut check) = run.check.take() {
-            check.report(progress, true);
-            if check.is_due_at_the_end(run.map().keyframes.len(), run.losses.count > 0) && broken.is_none() {
-                check.ask(run.atlas.active().snapshot());
-            }
-            check.report(progress, true);
-        }
-        let last = run.atlas.take_deltas();
-        watch.finished(&last, run.map());
-        if run.leaves_its_maps(stop) && broken.is_none() {
-            let fragment = run.atlas.active_index();
-            output.identify(run.identity_of(fragment));
-            if let Err(error) = output.grow(fragment, run.map(), last) {
-                run.failure = Some(format!("{error:#}"));
-            }
-        }
-        run.is_whole = broken.is_none();
-        run.failure = broken.or(run.failure);
-        run.wall_s = started.elapsed().as_secs_f64();
-        Ok(run)
+        self.end_map(feed, output, watch);
+        self.wall_s = started.elapsed().as_secs_f64();
+        Ok(self)
     }
 
     /// How it goes.
@@ -360,27 +313,11 @@ fn processed<'a>(
     }
 }
 
-/// Tells when the map begins and ends to wait for room on the disk; gives whether it does.
-fn report_room(was_waiting: bool, is_waiting: bool, progress: &dyn Progress) -> bool {
-    match (was_waiting, is_waiting) {
-        (false, true) => {
-            progress.warn_of("disk", "the disk is full: the map grows in memory until there is room")
-        }
-        (true, false) => progress.note_of("disk", "the disk has room again: all of the map is written"),
-        _ => {}
-    }
-    is_waiting
-}
-
-/// Does a part of the run; a panic in it, or in a thread that it waited for, becomes the reason in `broken`.
-fn guarded<T>(what: &str, work: impl FnOnce() -> T, broken: &mut Option<String>) -> Option<T> {
-    match catch_unwind(AssertUnwindSafe(work)) {
-        Ok(value) => Some(value),
-        Err(panic) => {
-            let text = panic.downcast_ref::<String>().map(String::as_str);
-            let why = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("no reason was given");
-            *broken = Some(format!("internal error in {what}, please report it: {why}"));
-            None
-        }
-    }
+/// Does a part of the run; a panic in it, or in a thread that it waited for, becomes the reason why it did not.
+fn guarded<T>(what: &str, work: impl FnOnce() -> T) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work)).map_err(|panic| {
+        let text = panic.downcast_ref::<String>().map(String::as_str);
+        let why = text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("no reason was given");
+        format!("internal error in {what}, please report it: {why}")
+    })
 }

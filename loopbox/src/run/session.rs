@@ -10,7 +10,7 @@ use crate::run::output::Output;
 use crate::run::recognising::Recogniser;
 use crate::run::record::{RunRecord, Setup};
 use crate::run::resuming::{Kept, places};
-use crate::run::runtime::Run;
+use crate::run::runtime::{Feed, Run};
 use crate::run::saving::{self, Form, Saver};
 use crate::run::surface_judge::SurfaceJudge;
 use crate::swapping::SwapFiles;
@@ -107,7 +107,8 @@ impl Session<'_> {
             let run = Run::new(atlas, self.setup.camera, identity, dropped_before);
             let run = run.with(describer, check).within(kept);
             let run = run.with_listeners(self.listeners.clone()).left_alone(self.unattended);
-            let run = run.track(ahead, self.stop, self.progress, &mut output, watch, &save)?;
+            let feed = Feed { ahead, stop: self.stop, progress: self.progress };
+            let run = run.track(feed, &mut output, watch, &save)?;
             let restart = run.is_to_restart();
             identity = run.next_identity();
             let failure = run.failure().map(str::to_owned);

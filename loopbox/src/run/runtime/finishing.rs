@@ -1,7 +1,8 @@
 //! What a run leaves: its maps, whose they are, and its numbers.
 
-use super::{Run, guarded};
+use super::{Feed, Run, guarded};
 use crate::run::fragment_record::Fragment;
+use crate::run::output::Output;
 use crate::run::record::{
     Cost, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, Setup, SourceRecord,
 };
@@ -12,12 +13,55 @@ use sources::Stop;
 use sources::ahead::Ahead;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
 use view::process;
+use view::watch::Watch;
 
+/// How long the last optimisation may take once the user wishes to stop.
+const LAST_WORK: Duration = Duration::from_secs(4);
+/// The same where nobody looks after the run, and the machine may be about to be switched off.
+const LAST_WORK_ALONE: Duration = Duration::from_secs(1);
 /// Keyframes of a map that takes some seconds to write.
 const LARGE: usize = 500;
 
 impl Run<'_> {
+    /// The last optimisation, and what it changes.
+    pub(super) fn end_map(
+        &mut self,
+        Feed { stop, progress, .. }: Feed,
+        output: &mut Output,
+        watch: &mut Watch,
+    ) {
+        progress.stage("last optimisation");
+        if self.broken.is_none() {
+            let hurry = Instant::now();
+            let patience = if self.is_alone { LAST_WORK_ALONE } else { LAST_WORK };
+            let is_large = self.is_large();
+            let stop = || stop.requested() && (is_large || hurry.elapsed() > patience);
+            self.broken = guarded("the last optimisation", || self.atlas.finish_until(&stop)).err();
+        }
+        if let Some(mut check) = self.check.take() {
+            check.report(progress, true);
+            if check.is_due_at_the_end(self.map().keyframes.len(), self.losses.count > 0)
+                && self.broken.is_none()
+            {
+                check.ask(self.atlas.active().snapshot());
+            }
+            check.report(progress, true);
+        }
+        let last = self.atlas.take_deltas();
+        watch.finished(&last, self.map());
+        if self.leaves_its_maps(stop) && self.broken.is_none() {
+            let fragment = self.atlas.active_index();
+            output.identify(self.identity_of(fragment));
+            if let Err(error) = output.grow(fragment, self.map(), last) {
+                self.failure = Some(format!("{error:#}"));
+            }
+        }
+        self.is_whole = self.broken.is_none();
+        self.failure = self.broken.take().or(self.failure.take());
+    }
+
     /// The same with its edges and points, to be saved while the run goes on, as that of the agent `about`.
     pub fn snapshot(&self, about: &AgentInfo) -> Map {
         self.named(about, self.fragment, self.atlas.active().snapshot())
@@ -41,10 +85,10 @@ impl Run<'_> {
     pub fn maps(&mut self, about: &AgentInfo, complete: bool) -> Vec<Map> {
         let is_whole = self.is_whole;
         let first = self.atlas.fragments().first().filter(|first| !first.map().frames.is_empty());
-        let joint = first.and_then(|first| guarded("the map", || first.joint(), &mut None)).flatten();
+        let joint = first.and_then(|first| guarded("the map", || first.joint()).ok()).flatten();
         let map = |agent: &mut Agent| {
-            let snapshot = || guarded("the map", || agent.snapshot(), &mut None);
-            let breaks = || guarded("the scale", || agent.scale_breaks(), &mut None);
+            let snapshot = || guarded("the map", || agent.snapshot()).ok();
+            let breaks = || guarded("the scale", || agent.scale_breaks()).ok();
             let breaks = if complete { breaks().unwrap_or_default() } else { Vec::new() };
             let as_it_stands = if is_whole { None } else { snapshot() };
             let map = agent.take_map();
@@ -54,7 +98,8 @@ impl Run<'_> {
         let maps = self.parts(maps).into_iter().map(|(fragment, map)| self.named(about, fragment, map));
         let mut maps: Vec<Map> = maps.filter(|map| !map.frames.is_empty()).collect();
         if let Some(mut describer) = self.describer.take().filter(|_| complete) {
-            guarded("finding features", || describer.complete(&mut maps), &mut self.failure);
+            let found = guarded("finding features", || describer.complete(&mut maps));
+            self.failure = found.err().or(self.failure.take());
         }
         if let (Some(kept), Some(joint), Some(own)) = (self.kept, joint, maps.first_mut()) {
             match kept.joined(joint, own.clone()) {
