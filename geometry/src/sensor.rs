@@ -58,12 +58,14 @@ pub struct Sensor {
     /// Time from reading the first column to reading the last, and from the first row to the last, seconds; negative where
     /// the last comes first. One of them is zero.
     pub readout: [f64; 2],
+    /// Standard deviation of the readout time that is not zero, seconds; 0 where nobody found it.
+    pub readout_deviation: f64,
 }
 
 impl Sensor {
     /// A lens without remaining distortion, and all rows read at once.
     pub fn ideal(camera: Pinhole) -> Self {
-        Self { lens: Lens::ideal(camera), readout: [0.0; 2] }
+        Self { lens: Lens::ideal(camera), readout: [0.0; 2], readout_deviation: 0.0 }
     }
 
     /// The values of the unknowns.
@@ -76,6 +78,11 @@ impl Sensor {
     pub fn with(mut self, [radial, columns, rows]: [f64; UNKNOWNS]) -> Self {
         (self.lens.terms, self.readout) = ([radial], [columns, rows]);
         self
+    }
+
+    /// The sensor with other readout times, of which no deviation is known.
+    pub fn with_readout(self, readout: [f64; 2]) -> Self {
+        Self { readout, readout_deviation: 0.0, ..self }
     }
 
     /// Whether not all of an image is read at once.

@@ -15,6 +15,8 @@ const LENS: &str = "lens";
 /// Where it says how long its camera takes to read an image, from the first column to the last and from the first row to the
 /// last, seconds.
 const READOUT: [&str; 2] = ["readout columns", "readout rows"];
+/// Standard deviation of the one that is not zero, seconds.
+const READOUT_DEVIATION: &str = "readout deviation";
 
 impl AgentInfo {
     /// The sensor of its images; ideal if the provenance has none. `None` for a LiDAR.
@@ -24,14 +26,17 @@ impl AgentInfo {
         let lens =
             value_of(LENS).and_then(|text| Lens::from_text(camera, text)).unwrap_or(Lens::ideal(camera));
         let seconds = |text: &String| text.parse().ok().filter(|time: &f64| time.is_finite());
-        Some(Sensor { lens, readout: READOUT.map(|key| value_of(key).and_then(seconds).unwrap_or(0.0)) })
+        let seconds_of = |key: &str| value_of(key).and_then(seconds).unwrap_or(0.0);
+        let readout_deviation = seconds_of(READOUT_DEVIATION);
+        Some(Sensor { lens, readout: READOUT.map(seconds_of), readout_deviation })
     }
 }
 
 /// The entries of an agent's provenance that describe a sensor.
-pub fn sensor_entries(sensor: &Sensor) -> [(&'static str, String); 3] {
+pub fn sensor_entries(sensor: &Sensor) -> [(&'static str, String); 4] {
     let [columns, rows] = sensor.readout.map(|time| format!("{time:?}"));
-    [(LENS, sensor.lens.to_text()), (READOUT[0], columns), (READOUT[1], rows)]
+    let deviation = format!("{:?}", sensor.readout_deviation);
+    [(LENS, sensor.lens.to_text()), (READOUT[0], columns), (READOUT[1], rows), (READOUT_DEVIATION, deviation)]
 }
 
 /// A keyframe as an ideal pinhole camera that reads all rows at once would have taken it.
@@ -177,7 +182,8 @@ mod tests {
         let mut map = sample_map(4);
         let camera = *map.agents.values().next().unwrap().camera().unwrap();
         assert_eq!(map.agents.values().next().unwrap().image_sensor(), Some(Sensor::ideal(camera)));
-        let sensor = Sensor::ideal(camera).with([-0.0123, 0.0, 0.0241]);
+        let sensor =
+            Sensor { readout_deviation: 0.0003, ..Sensor::ideal(camera).with([-0.0123, 0.0, 0.0241]) };
         describe(&mut map, &sensor);
         assert_eq!(map.agents.values().next().unwrap().image_sensor(), Some(sensor));
     }

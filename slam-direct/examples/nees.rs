@@ -2,15 +2,20 @@
 //!
 //! ```text
 //! cargo run --release -p slam-direct --example nees -- SEEDS [FIRST SEED]
+//! cargo run --release -p slam-direct --example nees -- readout SEEDS [FIRST SEED]
 //! ```
 
 #[path = "../tests/nees/measure.rs"]
 mod measure;
 
+use geometry::median;
 use loopbox_tests::doubles::{Kind as Place, Version};
 use loopbox_tests::moving::{Mover, moving};
 use loopbox_tests::{Recording, World, trajectory};
+use map::AgentInfo;
 use measure::{Nees, mean, measure};
+use place_recog::ThumbnailIndex;
+use slam_direct::{Agent, Frame, Params};
 
 /// Frames of a recording, and frames a second.
 const FRAMES: (usize, f64) = (150, 30.0);
@@ -49,8 +54,14 @@ const KINDS: [(&str, Render); 8] = [
 ];
 
 fn main() {
-    let numbers: Vec<u64> = std::env::args().skip(1).map(|number| number.parse().unwrap()).collect();
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let of_readout = arguments.first().is_some_and(|argument| argument == "readout");
+    let numbers: Vec<u64> =
+        arguments.iter().skip(usize::from(of_readout)).map(|number| number.parse().unwrap()).collect();
     let (count, first) = (numbers.first().copied().unwrap_or(3), numbers.get(1).copied().unwrap_or(1));
+    if of_readout {
+        return print_readouts(first..first + count);
+    }
     println!(
         "| recordings | frames | NEES of poses: mean, median | positions | rotations |\n|---|---|---|---|---|"
     );
@@ -74,4 +85,59 @@ fn row(name: &str, all: &[Nees]) {
         mean(all.iter().map(|nees| nees.position)),
         mean(all.iter().map(|nees| nees.rotation)),
     );
+}
+
+/// Readout times that are rendered, seconds.
+const READOUTS: [f64; 4] = [0.0, 0.01, 0.02, 0.03];
+/// Noise of their recordings, grey levels, and their frames: short ones know less.
+const NOISES: [f64; 2] = [2.0, 6.0];
+const LENGTHS: [usize; 2] = [100, 250];
+
+/// Prints how true the stated uncertainty of a readout time is.
+fn print_readouts(seeds: std::ops::Range<u64>) {
+    println!(
+        "| readout | recordings | found | median error | median deviation | NEES: mean, median | within two deviations |\n\
+         |---|---|---|---|---|---|---|"
+    );
+    for readout in READOUTS {
+        let mut found: Vec<[f64; 2]> = Vec::new();
+        let mut count = 0;
+        for seed in seeds.clone() {
+            for (noise, frames) in NOISES.iter().flat_map(|noise| LENGTHS.map(|frames| (*noise, frames))) {
+                let path = trajectory::walk(frames, FRAMES.1, seed);
+                let world = World::yard(seed);
+                let (camera, rate) = (Recording::SMALL_CAMERA, FRAMES.1);
+                let recording = Recording::render_rolling(&world, camera, &path, rate, readout);
+                count += 1;
+                found.extend(found_readout(&recording.with_noise(noise, seed), readout));
+            }
+        }
+        let values = |of: fn(&[f64; 2]) -> f64| found.iter().map(of).collect::<Vec<f64>>();
+        let nees = values(|[error, deviation]| (error / deviation).powi(2));
+        let within = nees.iter().filter(|nees| **nees < 4.0).count();
+        let milliseconds = |mut values: Vec<f64>| 1e3 * median(&mut values).unwrap_or(f64::NAN);
+        println!(
+            "| {:.0} ms | {count} | {} | {:.3} ms | {:.3} ms | {:.2}, {:.2} | {within} |",
+            1e3 * readout,
+            found.len(),
+            milliseconds(values(|[error, _]| error.abs())),
+            milliseconds(values(|[_, deviation]| *deviation)),
+            mean(nees.iter().copied()),
+            median(&mut nees.clone()).unwrap_or(f64::NAN),
+        );
+    }
+}
+
+/// Error and stated deviation of the readout time that a recording reveals, seconds; none where it reveals none.
+fn found_readout(recording: &Recording, truth: f64) -> Option<[f64; 2]> {
+    let mut agent =
+        Agent::new(recording.camera, Box::new(ThumbnailIndex::default()), Params::default()).unwrap();
+    for (index, shot) in (0..).zip(&recording.shots) {
+        let (timestamp, image) = (shot.timestamp, shot.image.as_ref().clone());
+        agent.process(Frame { index, timestamp, image, color: None }).unwrap();
+    }
+    agent.finish();
+    let map = agent.into_map();
+    let sensor = map.agents.values().find_map(AgentInfo::image_sensor)?;
+    sensor.is_rolling().then(|| [sensor.readout[1] - truth, sensor.readout_deviation])
 }

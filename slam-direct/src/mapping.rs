@@ -205,7 +205,7 @@ pub(crate) fn optimise_all(
     let readout = map.sensor.readout.map(|time| if time == 0.0 { 0.0 } else { params.readout_sigma });
     let changes = optimise_whole(map, iterations, readout, params, stop);
     if map.sensor.is_rolling() && map.sensor.plausible_readout() != map.sensor.readout {
-        map.set_sensor(Sensor { readout: [0.0; 2], ..map.sensor });
+        map.set_sensor(map.sensor.with_readout([0.0; 2]));
         return together(changes, optimise_whole(map, iterations, [0.0; 2], params, stop));
     }
     changes
@@ -219,7 +219,7 @@ pub(crate) fn calibrate(map: &mut LocalMap, params: &MappingParams) -> Vec<Scale
         let changes = optimise_whole(&mut trial, iterations, [params.readout_sigma; 2], params, &stop);
         let readout = trial.sensor.plausible_readout();
         if readout != [0.0; 2] {
-            trial.set_sensor(Sensor { readout, ..trial.sensor });
+            trial.set_sensor(trial.sensor.with_readout(readout));
             *map = trial;
             return together(changes, optimise_all(map, iterations, params, &stop));
         }

@@ -275,6 +275,7 @@ mod tests {
                 halvings: 0,
                 focal_deviation: None,
             },
+            shutter: None,
             params: Params::default(),
             left_out: None,
             resumed: None,

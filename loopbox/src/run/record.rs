@@ -32,6 +32,9 @@ pub struct RunRecord {
     pub camera: Pinhole,
     /// The lens that the images were undistorted by.
     pub calibration: CalibrationRecord,
+    /// The rolling shutter that the recording revealed; nothing where all of an image is read at once.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub shutter: Option<ShutterRecord>,
     /// All parameters of the tracker and the mapper, as `loopbox params` prints them.
     pub params: Params,
     /// How much of the images was not used; nothing where all of them were.
@@ -143,6 +146,24 @@ fn percent(share: f64) -> String {
     match 100.0 * share {
         ..0.1 if share > 0.0 => "under 0.1 %".into(),
         percent => format!("{percent:.1} %"),
+    }
+}
+
+/// A rolling shutter, of the map at the end.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ShutterRecord {
+    /// From the first column to the last, and from the first row to the last, seconds; one of them is zero, and negative is what
+    /// reads the last one first.
+    pub readout: [f64; 2],
+    /// Standard deviation of the one that is not zero, seconds.
+    pub deviation: f64,
+}
+
+impl ShutterRecord {
+    /// What a map says of its agent's camera.
+    pub fn new(map: &map::Map) -> Option<Self> {
+        let sensor = map.agents.values().find_map(map::AgentInfo::image_sensor)?;
+        sensor.is_rolling().then_some(Self { readout: sensor.readout, deviation: sensor.readout_deviation })
     }
 }
 

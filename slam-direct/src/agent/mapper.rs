@@ -13,7 +13,7 @@ use crate::mask::Mask;
 use crate::params::Params;
 use crate::publish;
 use crate::track::Matched;
-use geometry::sensor::{Sensor, Twist};
+use geometry::sensor::Twist;
 use geometry::{Pinhole, Swap};
 use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, SemiDense, Settled};
 use std::collections::BTreeSet;
@@ -194,7 +194,7 @@ impl Mapper {
     fn learn_readout(&mut self, readout: Option<[f64; 2]>, params: &Params) -> Vec<usize> {
         let Some(readout) = readout.filter(|_| !self.local.sensor.is_rolling()) else { return Vec::new() };
         let (p, before) = (&params.mapping, self.local.sensor);
-        self.local.set_sensor(Sensor { readout, ..before });
+        self.local.set_sensor(before.with_readout(readout));
         let changes = mapping::optimise_all(&mut self.local, p.calibration_iterations, p, &|| false);
         let count = self.local.keyframes.len();
         self.calibrate_again = mapping::calibrate_again(count, &before, &self.local.sensor);

@@ -127,7 +127,8 @@ impl Bootstrap {
                 information: 0.0,
             });
         }
-        problem.calibration = Some(Calibration { sensor: *sensor, sigma, hosts, seen: all });
+        problem.calibration =
+            Some(Calibration { sensor: *sensor, sigma, variance: [0.0; UNKNOWNS], hosts, seen: all });
         problem.set_sensor(sensor.unknowns());
         problem
     }
@@ -137,7 +138,7 @@ impl Bootstrap {
     pub(super) fn solve(&self, pure_rotation: &Se3, readout_sigma: f64) -> Option<Solution> {
         let initial_poses = self.initial_poses(pure_rotation);
         let mut best = self.solve_from(&initial_poses, &self.sensor, [0.0; UNKNOWNS])?;
-        let at_once = Sensor { readout: [0.0; 2], ..self.sensor };
+        let at_once = self.sensor.with_readout([0.0; 2]);
         let known =
             self.sensor.is_rolling().then(|| self.solve_from(&initial_poses, &at_once, [0.0; UNKNOWNS]));
         let rolling = self.solve_rolling(&[best.poses(), initial_poses[0].clone()], readout_sigma);
@@ -151,7 +152,7 @@ impl Bootstrap {
 
     /// Poses, depths and the readout time, if it is one that a camera of so many frames a second can have.
     fn solve_rolling(&self, initial_poses: &[Vec<Se3>], sigma: f64) -> Option<Solution> {
-        let at_once = Sensor { readout: [0.0; 2], ..self.sensor };
+        let at_once = self.sensor.with_readout([0.0; 2]);
         let readout = |solution: &Solution| {
             let readout = solution.sensor.plausible_readout();
             let longest = LONGEST_READOUT.min(self.interval());
@@ -161,7 +162,7 @@ impl Bootstrap {
             return None;
         }
         let both = self.solve_from(initial_poses, &at_once, [0.0, sigma, sigma])?;
-        let rolling = Sensor { readout: readout(&both)?, ..both.sensor };
+        let rolling = both.sensor.with_readout(readout(&both)?);
         let [columns, rows] = rolling.readout.map(|time| if time == 0.0 { 0.0 } else { sigma });
         let solution = self.solve_from(&[both.poses()], &rolling, [0.0, columns, rows])?;
         readout(&solution).is_some().then_some(solution)
@@ -210,7 +211,7 @@ impl Bootstrap {
             }
             problem
         })?;
-        let sensor = problem.calibration.take().map_or(*sensor, |calibration| calibration.sensor);
+        let sensor = problem.calibration.take().map_or(*sensor, |calibration| calibration.solved());
         Some(Solution { cost, problem, sensor })
     }
 

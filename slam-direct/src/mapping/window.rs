@@ -91,7 +91,8 @@ impl Window {
         };
         let seen = self.problem.points.iter().zip(&self.points).flat_map(of_point).collect();
         let sensor = map.sensor;
-        self.problem.calibration = Some(Calibration { sensor, sigma, hosts, seen });
+        self.problem.calibration =
+            Some(Calibration { sensor, sigma, variance: [0.0; UNKNOWNS], hosts, seen });
         self.problem.set_sensor(sensor.unknowns());
     }
 
@@ -135,7 +136,7 @@ impl Window {
         for (frame, &keyframe) in problem.frames.iter().zip(keyframes) {
             map.keyframes[keyframe].camera_from_world = *frame;
         }
-        let sensor = problem.calibration.as_ref().map(|calibration| calibration.sensor);
+        let sensor = problem.calibration.as_ref().map(Calibration::solved);
         let squared = problem.squared_residuals();
         let mut dropped: BTreeSet<(usize, PointRef)> = BTreeSet::new();
         let relative = self.pairs.relative(&problem.frames);

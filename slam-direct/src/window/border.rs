@@ -100,20 +100,8 @@ impl Border {
         delta: &mut [f64],
         lambda: f64,
     ) -> Option<[f64; UNKNOWNS]> {
-        let columns: [Vec<f64>; UNKNOWNS] = std::array::from_fn(|k| {
-            self.reduced_poses
-                .iter()
-                .flat_map(|block| block.column(k).iter().copied().collect::<Vec<_>>())
-                .collect()
-        });
-        let mut solved = columns.clone();
-        solved.iter_mut().for_each(|column| system.solve_again(column));
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let mut hessian = self.reduced_hessian;
-        for k in 0..UNKNOWNS {
-            hessian[(k, k)] += lambda * self.hessian[(k, k)];
-        }
-        let hessian = hessian - SMatrix::from_fn(|k, l| dot(&columns[k], &solved[l]));
+        let (columns, solved) = self.columns(system);
+        let hessian = self.complement(&columns, &solved, lambda);
         let gradient = self.reduced_gradient + Unknowns::from_fn(|k, _| dot(&columns[k], delta));
         let step = -hessian.cholesky()?.solve(&gradient);
         for (column, step) in solved.iter().zip(step.iter()) {
@@ -122,8 +110,46 @@ impl Border {
         step.iter().all(|v| v.is_finite()).then_some(step.into())
     }
 
+    /// Variance of each unknown, poses and depths left free: the diagonal of the inverse of what is left of its matrix.
+    pub fn variances(&self, system: &mut BlockSystem<6>) -> Option<[f64; UNKNOWNS]> {
+        let (columns, solved) = self.columns(system);
+        Some(self.complement(&columns, &solved, 0.0).cholesky()?.inverse().diagonal().into())
+    }
+
+    /// The columns that couple the unknowns with the poses, and the same solved for.
+    fn columns(&self, system: &mut BlockSystem<6>) -> ([Vec<f64>; UNKNOWNS], [Vec<f64>; UNKNOWNS]) {
+        let columns: [Vec<f64>; UNKNOWNS] = std::array::from_fn(|k| {
+            self.reduced_poses
+                .iter()
+                .flat_map(|block| block.column(k).iter().copied().collect::<Vec<_>>())
+                .collect()
+        });
+        let mut solved = columns.clone();
+        solved.iter_mut().for_each(|column| system.solve_again(column));
+        (columns, solved)
+    }
+
+    /// The Hessian of the unknowns with poses and depths eliminated, damped by `lambda`.
+    fn complement(
+        &self,
+        columns: &[Vec<f64>; UNKNOWNS],
+        solved: &[Vec<f64>; UNKNOWNS],
+        lambda: f64,
+    ) -> SMatrix<f64, UNKNOWNS, UNKNOWNS> {
+        let mut hessian = self.reduced_hessian;
+        for k in 0..UNKNOWNS {
+            hessian[(k, k)] += lambda * self.hessian[(k, k)];
+        }
+        hessian - SMatrix::from_fn(|k, l| dot(&columns[k], &solved[l]))
+    }
+
     /// What a step of the unknowns adds to a point's gradient.
     pub fn of_depth(&self, point: usize, sensor: &[f64; UNKNOWNS]) -> f64 {
         self.depths[point].dot(&Unknowns::from(*sensor))
     }
+}
+
+/// The inner product.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -288,6 +288,17 @@ impl Normal {
         Some(problem.points.iter().zip(&self.depth).map(of_point).collect())
     }
 
+    /// Variances of the sensor's unknowns; `None` when the system is not positive definite, or the sensor is not solved for.
+    pub fn sensor_variances(&mut self, problem: &Problem, pairs: &Pairs) -> Option<[f64; UNKNOWNS]> {
+        if self.border.is_none() {
+            return None;
+        }
+        self.system.damp(|_| 1e-9);
+        eliminate_depths(self, problem, pairs, 0.0);
+        self.system.solve()?;
+        self.border.as_ref()?.variances(&mut self.system)
+    }
+
     /// Entries of the reduced system.
     #[cfg(test)]
     pub fn entries(&self) -> usize {

@@ -72,6 +72,11 @@ pub(crate) fn solve_within(
     for (point, information) in problem.points.iter_mut().zip(normal.depth_information()) {
         point.information = information;
     }
+    let known = normal.sensor_variances(problem, pairs);
+    if let Some((calibration, known)) = problem.calibration.as_mut().zip(known) {
+        calibration.variance =
+            std::array::from_fn(|k| if calibration.sigma[k] > 0.0 { known[k] } else { 0.0 });
+    }
     Ok(cost)
 }
 

@@ -329,8 +329,13 @@ pub(super) fn bent(truth: &Problem, unknowns: [f64; UNKNOWNS]) -> Problem {
     let hosts = truth.points.iter().enumerate().map(host).collect();
     let seen =
         truth.observations.iter().enumerate().map(|(i, o)| (distorted(o.pixel, i), o.information)).collect();
-    let calibration =
-        Calibration { sensor: Sensor::ideal(truth.camera), sigma: [0.02; UNKNOWNS], hosts, seen };
+    let calibration = Calibration {
+        sensor: Sensor::ideal(truth.camera),
+        sigma: [0.02; UNKNOWNS],
+        variance: [0.0; UNKNOWNS],
+        hosts,
+        seen,
+    };
     let mut problem = Problem { calibration: Some(calibration), ..truth.clone() };
     problem.set_sensor([0.0; UNKNOWNS]);
     problem

@@ -4,7 +4,7 @@ use super::{Feed, Run, guarded};
 use crate::run::fragment_record::Fragment;
 use crate::run::output::Output;
 use crate::run::record::{
-    Cost, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, Setup, SourceRecord,
+    Cost, FrameCounts, Latency, LeftOutRecord, MapCounts, RunRecord, Setup, ShutterRecord, SourceRecord,
 };
 use crate::run::resuming::Kept;
 use map::{AgentId, AgentInfo, FramePose, Identity, KeyframeId, Map, StampedPose};
@@ -322,6 +322,7 @@ impl Run<'_> {
                 latency_ms: Latency::of(self.rows.iter().filter_map(|row| row.latency_ms).collect()),
                 ..Cost::new(ms, self.wall_s, process::cpu_seconds(), process::peak_memory_bytes())
             },
+            shutter: maps.first().and_then(ShutterRecord::new),
             map: maps.first().map(MapCounts::new).unwrap_or_default(),
             fragments,
             files: Vec::new(),
