@@ -24,11 +24,12 @@ mod render;
 pub mod robot;
 pub mod scale;
 pub mod similar_places;
+pub mod streets;
 mod texture;
 pub mod trajectory;
 mod world;
 
-pub use recording::{Encoding, Recording, Shot};
+pub use recording::{Encoding, Recording, Shot, Shutter};
 pub use render::{render, with_noise};
 pub use texture::{Grain, Texture};
 pub use world::{Cuboid, RING, World, world_from_hall};

@@ -1,5 +1,6 @@
 //! Recordings: rendered frames, and their files in loopbox's folder format.
 
+use crate::render::render_rows;
 use crate::{World, render, with_noise};
 use geometry::{GrayImage, Pinhole, Se3};
 use image::{ExtendedColorType, ImageEncoder, codecs::jpeg::JpegEncoder, codecs::png};
@@ -62,6 +63,15 @@ impl Encoding {
     }
 }
 
+/// How a camera's rows come to their light.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shutter {
+    /// From the first row to the last, seconds.
+    pub readout: f64,
+    /// That each row gathers light, seconds.
+    pub exposure: f64,
+}
+
 /// Frames of one camera with their true poses. Tests change `shots` at will before they write them.
 #[derive(Clone, Debug)]
 pub struct Recording {
@@ -89,25 +99,38 @@ impl Recording {
     /// The same by a rolling shutter, which takes `readout` seconds from the first row to the last; a pose of `path` is that
     /// of the middle row.
     pub fn render_rolling(world: &World, camera: Pinhole, path: &[Se3], rate: f64, readout: f64) -> Self {
-        // Within one of so many bands the camera stands still.
+        Self::render_exposed(world, camera, path, rate, Shutter { readout, exposure: 0.0 })
+    }
+
+    /// The same by a rolling shutter whose rows gather light while the camera moves; a pose of `path` is that of the middle of
+    /// the middle row's exposure.
+    pub fn render_exposed(world: &World, camera: Pinhole, path: &[Se3], rate: f64, shutter: Shutter) -> Self {
+        // Within one of so many bands the camera stands still, and so often it is looked at while one is exposed.
         const BANDS: usize = 24;
-        let mut recording = Self::render(world, camera, path, rate);
-        let rolled = |(i, shot): (usize, &mut Shot)| {
+        const MOMENTS: usize = 2;
+        let moments = if shutter.exposure > 0.0 { MOMENTS } else { 1 };
+        let middle = |i: usize, count: usize| (i as f64 + 0.5) / count as f64 - 0.5;
+        let shot = |(i, pose): (usize, &Se3)| {
             let (before, after) = (i.saturating_sub(1), (i + 1).min(path.len() - 1));
             let seconds = (after - before) as f64 / rate;
             let motion = (path[before].inverse() * path[after]).log() / seconds.max(1e-9);
-            let mut image = shot.image.as_ref().clone();
+            let mut data = Vec::with_capacity(camera.width * camera.height);
             for band in 0..BANDS {
-                let time = readout * ((band as f64 + 0.5) / BANDS as f64 - 0.5);
-                let seen = render(world, &camera, &(path[i] * Se3::exp(&(motion * time)))).0;
-                let row = |band: usize| camera.width * (camera.height * band / BANDS);
-                let rows = row(band)..row(band + 1);
-                image.data_mut()[rows.clone()].copy_from_slice(&seen.data()[rows]);
+                let rows = camera.height * band / BANDS..camera.height * (band + 1) / BANDS;
+                let mut light = vec![0.0; rows.len() * camera.width];
+                for moment in 0..moments {
+                    let time =
+                        shutter.readout * middle(band, BANDS) + shutter.exposure * middle(moment, moments);
+                    let seen =
+                        render_rows(world, &camera, &(*pose * Se3::exp(&(motion * time))), rows.clone());
+                    light.iter_mut().zip(&seen).for_each(|(sum, value)| *sum += value / moments as f32);
+                }
+                data.extend(light.iter().map(|value| (value + 0.5) as u8));
             }
-            shot.image = Arc::new(image);
+            let image = GrayImage::from_vec(camera.width, camera.height, data).expect("one value per pixel");
+            Shot { timestamp: i as f64 / rate, world_from_camera: *pose, image: Arc::new(image) }
         };
-        recording.shots.par_iter_mut().enumerate().for_each(rolled);
-        recording
+        Self { camera, shots: path.par_iter().enumerate().map(shot).collect() }
     }
 
     /// The same with normally distributed noise of this standard deviation, grey levels, another in each frame; another seed gives other noise.
@@ -171,6 +194,28 @@ impl Recording {
 mod tests {
     use super::*;
     use crate::trajectory;
+
+    #[test]
+    fn a_camera_that_stands_still_knows_no_shutter() {
+        let (world, path) = (World::yard(1), vec![trajectory::sideways(3, 1.0)[1]; 3]);
+        let global = Recording::render(&world, Recording::SMALL_CAMERA, &path, 10.0);
+        let shutter = Shutter { readout: 0.02, exposure: 0.01 };
+        let rolling = Recording::render_exposed(&world, Recording::SMALL_CAMERA, &path, 10.0, shutter);
+        let (a, b) = (global.shots[1].image.data(), rolling.shots[1].image.data());
+        assert!(a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= 1));
+    }
+
+    #[test]
+    fn what_moves_by_is_blurred_along_its_way() {
+        let (world, path) = (World::yard(1), trajectory::sideways(40, 3.0));
+        let sharp = Recording::render(&world, Recording::SMALL_CAMERA, &path[..3], 30.0);
+        let shutter = Shutter { readout: 0.0, exposure: 0.03 };
+        let blurred = Recording::render_exposed(&world, Recording::SMALL_CAMERA, &path[..3], 30.0, shutter);
+        let slope = |shot: &Shot| {
+            shot.image.data().windows(2).map(|w| f64::from(w[1].abs_diff(w[0])).powi(2)).sum::<f64>()
+        };
+        assert!(slope(&blurred.shots[1]) < 0.7 * slope(&sharp.shots[1]));
+    }
 
     #[test]
     fn a_written_recording_has_all_its_files() -> io::Result<()> {

@@ -4,6 +4,7 @@ use crate::world::FACE_SHIFT;
 use crate::{Cuboid, World};
 use geometry::{GrayImage, Image, Pinhole, Random, Se3};
 use nalgebra::{Matrix3, Vector3};
+use std::ops::Range;
 
 /// Side of the square of pixels that shares one list of boxes.
 const TILE: usize = 32;
@@ -19,41 +20,76 @@ const SHADE: [f32; 6] = [0.82, 0.9, 1.0, 0.6, 0.96, 0.76];
 /// What a pinhole camera at `world_from_camera` sees: the grey image, and the exact inverse depth 1/z [1/m]
 /// along the ray of each pixel's centre, 0 where there is only sky.
 pub fn render(world: &World, camera: &Pinhole, world_from_camera: &Se3) -> (GrayImage, Image<f32>) {
-    let mut views: Vec<View> =
-        world.cuboids.iter().filter_map(|c| View::new(c, camera, world_from_camera)).collect();
-    views.sort_by(|a, b| a.nearest.total_cmp(&b.nearest));
-    let (width, height) = (camera.width, camera.height);
-    let mut intensity = Image::filled(width, height, SKY);
-    let mut inverse_depth = Image::filled(width, height, 0.0f32);
-    let mut face_seen = Image::filled(width, height, u32::MAX);
-    let caster = Caster { world, camera, views: &views };
+    let mut canvas = Canvas::new(camera);
+    canvas.paint(world, camera, world_from_camera, 0..camera.height);
+    let data = canvas.intensity.data().iter().map(|&v| (v + 0.5) as u8).collect();
+    let image = GrayImage::from_vec(camera.width, camera.height, data).expect("one value per pixel");
+    (image, canvas.inverse_depth)
+}
 
-    let mut candidates = Vec::new();
-    for_each_tile(width, height, |x0, y0| {
-        caster.candidates(x0, y0, &mut candidates);
-        for y in y0..(y0 + TILE).min(height) {
-            for x in x0..(x0 + TILE).min(width) {
-                if let Some(hit) = caster.cast(&candidates, x as f32, y as f32) {
-                    intensity.set(x, y, caster.shade(&hit));
-                    inverse_depth.set(x, y, 1.0 / hit.depth);
-                    face_seen.set(x, y, (hit.view * 6 + hit.face) as u32);
+/// Intensities of these rows of what a camera sees, grey levels, row by row.
+pub(crate) fn render_rows(
+    world: &World,
+    camera: &Pinhole,
+    world_from_camera: &Se3,
+    rows: Range<usize>,
+) -> Vec<f32> {
+    let mut canvas = Canvas::new(camera);
+    canvas.paint(world, camera, world_from_camera, rows.clone());
+    canvas.intensity.data()[rows.start * camera.width..rows.end * camera.width].to_vec()
+}
+
+/// What is painted.
+struct Canvas {
+    intensity: Image<f32>,
+    inverse_depth: Image<f32>,
+    /// Which face of which box each pixel shows.
+    face_seen: Image<u32>,
+}
+
+impl Canvas {
+    fn new(camera: &Pinhole) -> Self {
+        let (width, height) = (camera.width, camera.height);
+        Self {
+            intensity: Image::filled(width, height, SKY),
+            inverse_depth: Image::filled(width, height, 0.0f32),
+            face_seen: Image::filled(width, height, u32::MAX),
+        }
+    }
+
+    /// Paints these rows, and leaves the others.
+    fn paint(&mut self, world: &World, camera: &Pinhole, world_from_camera: &Se3, rows: Range<usize>) {
+        let mut views: Vec<View> =
+            world.cuboids.iter().filter_map(|c| View::new(c, camera, world_from_camera)).collect();
+        views.sort_by(|a, b| a.nearest.total_cmp(&b.nearest));
+        let (width, height) = (camera.width, camera.height);
+        let caster = Caster { world, camera, views: &views };
+        let mut candidates = Vec::new();
+        // Outlines are told by the neighbours above and below as well.
+        let around = rows.start.saturating_sub(1)..(rows.end + 1).min(height);
+        for_each_tile(width, around, |x0, of_tile| {
+            caster.candidates(x0, of_tile.start, &mut candidates);
+            for y in of_tile {
+                for x in x0..(x0 + TILE).min(width) {
+                    if let Some(hit) = caster.cast(&candidates, x as f32, y as f32) {
+                        self.intensity.set(x, y, caster.shade(&hit));
+                        self.inverse_depth.set(x, y, 1.0 / hit.depth);
+                        self.face_seen.set(x, y, (hit.view * 6 + hit.face) as u32);
+                    }
                 }
             }
-        }
-    });
-    for_each_tile(width, height, |x0, y0| {
-        caster.candidates(x0, y0, &mut candidates);
-        for y in y0..(y0 + TILE).min(height) {
-            for x in x0..(x0 + TILE).min(width) {
-                if on_outline(&face_seen, x, y) {
-                    intensity.set(x, y, caster.mean_over_pixel(&candidates, x, y));
+        });
+        for_each_tile(width, rows, |x0, of_tile| {
+            caster.candidates(x0, of_tile.start, &mut candidates);
+            for y in of_tile {
+                for x in x0..(x0 + TILE).min(width) {
+                    if on_outline(&self.face_seen, x, y) {
+                        self.intensity.set(x, y, caster.mean_over_pixel(&candidates, x, y));
+                    }
                 }
             }
-        }
-    });
-    let data = intensity.data().iter().map(|&v| (v + 0.5) as u8).collect();
-    let image = GrayImage::from_vec(width, height, data).expect("one value per pixel");
-    (image, inverse_depth)
+        });
+    }
 }
 
 /// An image with normally distributed noise of this standard deviation, grey levels; another seed gives other noise.
@@ -66,10 +102,10 @@ pub fn with_noise(image: &GrayImage, deviation: f64, seed: u64) -> GrayImage {
     noisy
 }
 
-fn for_each_tile(width: usize, height: usize, mut work: impl FnMut(usize, usize)) {
-    for y in (0..height).step_by(TILE) {
+fn for_each_tile(width: usize, rows: Range<usize>, mut work: impl FnMut(usize, Range<usize>)) {
+    for y in rows.clone().step_by(TILE) {
         for x in (0..width).step_by(TILE) {
-            work(x, y);
+            work(x, y..(y + TILE).min(rows.end));
         }
     }
 }
@@ -296,6 +332,17 @@ mod tests {
         let pose = Se3::new(nalgebra::UnitQuaternion::identity(), Vector3::new(0.0, -4.0, 5.0));
         let (_, inverse_depth) = render(&world, &CAMERA, &pose);
         assert!((inverse_depth.get(160, 120) - 1.0 / 7.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn rows_are_those_of_the_whole_image() {
+        let (world, pose) = (World::yard(1), trajectory::sideways(30, 3.0)[7]);
+        let (whole, _) = render(&world, &CAMERA, &pose);
+        for rows in [0..10, 115..125, 230..240] {
+            let painted = render_rows(&world, &CAMERA, &pose, rows.clone());
+            let expected = &whole.data()[rows.start * CAMERA.width..rows.end * CAMERA.width];
+            assert!(painted.iter().zip(expected).all(|(a, b)| (a + 0.5) as u8 == *b), "{rows:?}");
+        }
     }
 
     #[test]

@@ -144,7 +144,7 @@ impl World {
     }
 
     /// A house of random size standing on the ground at `(x, z)`.
-    fn add_house(&mut self, x: f64, z: f64, random: &mut Random) {
+    pub(crate) fn add_house(&mut self, x: f64, z: f64, random: &mut Random) {
         let mut size = |low, high| random.uniform(low, high) as f64;
         let half = Vector3::new(size(0.6, 1.4), size(0.7, 1.8), size(0.6, 1.4));
         let yaw = size(-0.8, 0.8);
@@ -185,7 +185,14 @@ impl World {
         self.add(Vector3::new(x, -half.y, z), yaw, half, 0.008, random);
     }
 
-    fn add(&mut self, centre: Vector3<f64>, yaw: f64, half: Vector3<f64>, texel: f64, random: &mut Random) {
+    pub(crate) fn add(
+        &mut self,
+        centre: Vector3<f64>,
+        yaw: f64,
+        half: Vector3<f64>,
+        texel: f64,
+        random: &mut Random,
+    ) {
         let rotation = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), yaw);
         self.cuboids.push(Cuboid {
             world_from_cuboid: Se3::new(rotation, centre),

@@ -6,6 +6,7 @@ use loopbox_tests::covered::{AFTER, BEFORE, COVERED, Uncovered, covered};
 use loopbox_tests::doubles::Kind as Place;
 use loopbox_tests::moving::{Mover, moving};
 use loopbox_tests::robot::Drive;
+use loopbox_tests::streets::{Return, round_the_block};
 use loopbox_tests::{Recording, World, trajectory};
 
 /// Shares of the image that what moves covers.
@@ -32,6 +33,8 @@ pub enum Kind {
     Robot(u64),
     /// The camera turns for four seconds before it moves.
     TurnsFirst,
+    /// It drives more than 200 m round a block and comes back to a street.
+    Loop(Return),
     /// It is covered for 0.8 s in a place, and uncovered there or elsewhere.
     Covered(Place, Uncovered),
 }
@@ -48,7 +51,9 @@ impl Kind {
         ];
         let places = Place::TUNED.into_iter().chain(Place::HELD_OUT);
         let covered = places.flat_map(|place| uncovered.map(|how| Self::Covered(place, how)));
-        moves.chain((0..DRIVES).map(Self::Robot)).chain([Self::TurnsFirst]).chain(covered).collect()
+        let single =
+            (0..DRIVES).map(Self::Robot).chain([Self::TurnsFirst]).chain(Return::ALL.map(Self::Loop));
+        moves.chain(single).chain(covered).collect()
     }
 
     /// Its name on the command line, where several have one.
@@ -57,6 +62,7 @@ impl Kind {
             Self::Moves(mover, _) => format!("{mover:?}").to_lowercase(),
             Self::Robot(_) => "robot".into(),
             Self::TurnsFirst => "turns-first".into(),
+            Self::Loop(_) => "loop".into(),
             Self::Covered(..) => "covered".into(),
         }
     }
@@ -72,6 +78,9 @@ impl Kind {
             Self::Moves(Mover::Leaving, _) => "a person walks off".into(),
             Self::Robot(_) => "a robot turns on the spot, its focal length up to 5 % wrong".into(),
             Self::TurnsFirst => "a camera turns for 4 s before it moves".into(),
+            Self::Loop(Return::SameLane) => "round a block, back in the same lane".into(),
+            Self::Loop(Return::MetreAside) => "round a block, back a metre aside".into(),
+            Self::Loop(Return::OtherDirection) => "round a block, back from the other direction".into(),
             Self::Covered(_, Uncovered::There(_)) => "covered, uncovered there".into(),
             Self::Covered(_, Uncovered::Passing(share)) => {
                 format!("covered, uncovered there in passing, {} moved", percent(share))
@@ -94,6 +103,10 @@ impl Kind {
                 Case { assumed: drive.assumed(), ..Case::of_one_place(drive.recording()) }
             }
             Self::TurnsFirst => Case::of_one_place(turns_first(seed)),
+            Self::Loop(how) => {
+                let drive = round_the_block(how, seed);
+                Case { returning: drive.returning, ..Case::of_one_place(drive.recording) }
+            }
             Self::Covered(place, uncovered) => {
                 let recording = covered(place, seed, uncovered, GRAIN);
                 let after = if uncovered.is_there() { Seen::Place(0) } else { Seen::Place(1) };
@@ -110,12 +123,20 @@ pub struct Case {
     pub recording: Recording,
     pub assumed: Pinhole,
     pub seen: Vec<Seen>,
+    /// Frames at the end that show what frames at the begin do.
+    pub returning: usize,
 }
 
 impl Case {
     fn of_one_place(recording: Recording) -> Self {
         let seen = vec![Seen::Place(0); recording.shots.len()];
-        Self { assumed: recording.camera, recording, seen }
+        Self { assumed: recording.camera, recording, seen, returning: 0 }
+    }
+
+    /// Frames a second.
+    pub fn rate(&self) -> f64 {
+        let shots = &self.recording.shots;
+        (shots.len() - 1) as f64 / (shots[shots.len() - 1].timestamp - shots[0].timestamp)
     }
 }
 

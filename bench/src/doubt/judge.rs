@@ -3,6 +3,7 @@
 use eval::{AlignMode, Associated, Pose, align};
 use geometry::Sim3;
 use loopbox_tests::scale::{FoundAt, scale_ratio, spread};
+use measuring::median;
 use nalgebra::{UnitQuaternion, Vector3};
 
 /// What there is to see in a frame.
@@ -72,18 +73,40 @@ pub fn judge(posed: &[Posed], rate: f64) -> Fragment {
 /// Largest distance from the truth over the length of the path, after one similarity.
 fn off(posed: &[Posed]) -> Option<f64> {
     let path: f64 = posed.windows(2).map(|w| (w[1].truth.translation - w[0].truth.translation).norm()).sum();
+    if path < LEAST_PATH {
+        return None;
+    }
+    let (found, truth) = aligned(posed)?.positions();
+    found.iter().zip(&truth).map(|(a, b)| (a - b).norm() / path).reduce(f64::max)
+}
+
+/// Between where frames after the second of two times are found and where they are, from the nearest frame before the first one:
+/// median, metres; none where the fragment does not hold both.
+pub fn gap(posed: &[Posed], (first, last): (f64, f64)) -> Option<f64> {
+    let (found, truth) = aligned(posed)?.positions();
+    let frames = |is_asked: &dyn Fn(&Posed) -> bool| {
+        (0..posed.len()).filter(|&i| is_asked(&posed[i])).collect::<Vec<_>>()
+    };
+    let (begin, end) = (frames(&|p| p.time < first), frames(&|p| p.time > last));
+    let gap_of = |i: usize| {
+        let off = |j: &&usize| (truth[i] - truth[**j]).norm();
+        let j = *begin.iter().min_by(|a, b| off(a).total_cmp(&off(b)))?;
+        Some(((found[i] - found[j]) - (truth[i] - truth[j])).norm())
+    };
+    median(end.into_iter().filter_map(gap_of).collect())
+}
+
+/// Frames moved by the similarity that fits the truth.
+fn aligned(posed: &[Posed]) -> Option<Associated> {
     let pairs = Associated {
         timestamps: Some(posed.iter().map(|p| p.time).collect()),
         estimate: posed.iter().map(|p| p.found).collect(),
         truth: posed.iter().map(|p| p.truth).collect(),
     };
-    let aligned = match align(&pairs, AlignMode::Sim3) {
-        _ if path < LEAST_PATH => return None,
-        Ok((_, aligned)) => aligned,
-        Err(_) => pairs.transformed(&along_a_line(&pairs)?),
-    };
-    let (found, truth) = aligned.positions();
-    found.iter().zip(&truth).map(|(a, b)| (a - b).norm() / path).reduce(f64::max)
+    match align(&pairs, AlignMode::Sim3) {
+        Ok((_, aligned)) => Some(aligned),
+        Err(_) => Some(pairs.transformed(&along_a_line(&pairs)?)),
+    }
 }
 
 /// The similarity of a drive along a line, whose positions leave a turn about it open: errors do not depend on that turn.
@@ -143,6 +166,24 @@ mod tests {
         assert!(judge(&line, 10.0).off.unwrap() < 1e-9);
         line[50].found.translation.x += 10.0;
         assert!(judge(&line, 10.0).off.unwrap() > 0.1);
+    }
+
+    #[test]
+    fn the_gap_of_a_drive_that_comes_back_is_what_it_drifted() {
+        let pose = |at| Pose::from(Se3::new(UnitQuaternion::identity(), at));
+        let drive = |drift: f64| -> Vec<Posed> {
+            let frame = |i: usize| {
+                let angle = 0.1 * i as f64;
+                let truth = Vector3::new(angle.sin(), 0.0, angle.cos()) * 10.0;
+                let found = truth * 0.3 + Vector3::y() * (0.3 * drift * i as f64 / 70.0);
+                Posed { seen: Seen::Place(0), time: 0.1 * i as f64, truth: pose(truth), found: pose(found) }
+            };
+            (0..70).map(frame).collect()
+        };
+        assert!(gap(&drive(0.0), (0.6, 6.5)).unwrap() < 1e-9);
+        let off = gap(&drive(1.0), (0.6, 6.5)).unwrap();
+        assert!((0.7..1.1).contains(&off), "{off}");
+        assert_eq!(gap(&drive(1.0)[20..], (0.6, 6.5)), None);
     }
 
     #[test]

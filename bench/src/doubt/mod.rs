@@ -13,7 +13,7 @@ use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result, bail};
 use cases::{Case, Kind};
 use eval::Pose;
-use judge::{Fragment, Posed, Seen, judge};
+use judge::{Fragment, Posed, Seen, gap, judge};
 use loopbox_tests::Recording;
 use serde_json::Value;
 use std::path::Path;
@@ -27,6 +27,18 @@ pub struct Outcome {
     fragments: Vec<Fragment>,
     /// Whether the run says that something was lost or is doubtful.
     is_reported: bool,
+    /// Of a recording that comes back, how.
+    returned: Option<Returned>,
+}
+
+/// How a drive that comes back is found to do so.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Returned {
+    /// Loops that the run closed.
+    loops: usize,
+    /// Between where frames that come back are found and where they are, from the nearest frame of the begin: median, metres; none
+    /// where both are not in one fragment.
+    gap: Option<f64>,
 }
 
 /// Renders and maps recordings of so many seeds.
@@ -53,36 +65,46 @@ fn measure_one(runner: &Runner, kind: Kind, seed: u64) -> Result<Outcome> {
     let case = kind.recording(seed);
     let assumed = Recording { camera: case.assumed, shots: case.recording.shots.clone() };
     let out = rendering::run(runner, &assumed, &home)?;
+    let posed = posed(&case, &out)?;
     let outcome = Outcome {
         kind,
         seed,
         visible: case.seen.iter().filter(|seen| **seen != Seen::Nothing).count(),
-        fragments: fragments(&case, &out)?,
+        fragments: posed.iter().map(|fragment| judge(fragment, case.rate())).collect(),
         is_reported: is_reported(&out)?,
+        returned: returned(&case, &posed, &out)?,
     };
     std::fs::remove_dir_all(&home).with_context(|| format!("{}: cannot be removed", home.display()))?;
     Ok(outcome)
 }
 
-/// What became of each fragment of a run.
-fn fragments(case: &Case, out: &Path) -> Result<Vec<Fragment>> {
+/// The frames with a pose of each fragment of a run.
+fn posed(case: &Case, out: &Path) -> Result<Vec<Vec<Posed>>> {
     let shots = &case.recording.shots;
-    let rate = (shots.len() - 1) as f64 / (shots[shots.len() - 1].timestamp - shots[0].timestamp);
     let mut fragments = Vec::new();
     for trajectory in rendering::trajectories(out)? {
         let times = trajectory.timestamps.as_deref().unwrap_or_default();
-        let posed: Vec<Posed> = times
-            .iter()
-            .zip(&trajectory.world_from_camera)
-            .filter_map(|(time, found)| {
-                let frame = rendering::nearest(shots, *time)?;
-                let truth = Pose::from(shots[frame].world_from_camera);
-                Some(Posed { seen: case.seen[frame], time: *time, truth, found: *found })
-            })
-            .collect();
-        fragments.push(judge(&posed, rate));
+        let posed = times.iter().zip(&trajectory.world_from_camera).filter_map(|(time, found)| {
+            let frame = rendering::nearest(shots, *time)?;
+            let truth = Pose::from(shots[frame].world_from_camera);
+            Some(Posed { seen: case.seen[frame], time: *time, truth, found: *found })
+        });
+        fragments.push(posed.collect());
     }
     Ok(fragments)
+}
+
+/// How a drive that comes back is found to do so; none of other recordings.
+fn returned(case: &Case, fragments: &[Vec<Posed>], out: &Path) -> Result<Option<Returned>> {
+    if case.returning == 0 {
+        return Ok(None);
+    }
+    let loops =
+        Run::read(out, Value::Null)?.record("/map/loops").context("run.json counts no loops")? as usize;
+    let shots = &case.recording.shots;
+    let times = (shots[case.returning].timestamp, shots[shots.len() - case.returning].timestamp);
+    let gap = fragments.iter().filter_map(|fragment| gap(fragment, times)).reduce(f64::min);
+    Ok(Some(Returned { loops, gap }))
 }
 
 /// Whether a run says that tracking was lost, or that frames or a scale are doubtful.

@@ -1,9 +1,13 @@
 //! What is reported of runs on which a tracker may be sure of itself and wrong.
 
-use super::Outcome;
 use super::judge::Fragment;
+use super::{Outcome, Returned};
 use crate::report::MISSING;
+use measuring::median;
 use std::fmt::Write;
+
+/// Metres within which frames that come back are found, where a loop is closed rightly: 0.4 % of the way.
+const GAP: f64 = 1.0;
 
 /// One line for the terminal.
 pub fn line(outcome: &Outcome) -> String {
@@ -14,8 +18,12 @@ pub fn line(outcome: &Outcome) -> String {
         format!("{:?} off {off} % scales {}{wrong}", f.frames, number(f.scales, 2))
     };
     let fragments: Vec<String> = outcome.fragments.iter().map(fragment).collect();
+    let returned = outcome.returned.map_or(String::new(), |returned| {
+        let gap = returned.gap.map_or(MISSING.to_owned(), |gap| format!("{gap:.2} m"));
+        format!("; {} loops, gap {gap}", returned.loops)
+    });
     let reported = if outcome.is_reported { "reported" } else { "nothing reported" };
-    format!("{:?} {}: {reported}; {}", outcome.kind, outcome.seed, fragments.join("; "))
+    format!("{:?} {}: {reported}; {}{returned}", outcome.kind, outcome.seed, fragments.join("; "))
 }
 
 /// The table of the results page: a row for each thing that happens.
@@ -41,6 +49,46 @@ pub fn section(outcomes: &[Outcome], seeds: &[u64]) -> String {
     }
     let all: Vec<&Outcome> = outcomes.iter().collect();
     let _ = writeln!(text, "| **all** {}", cells(&all));
+    text += &loops(outcomes);
+    text
+}
+
+/// The table of drives that come back; nothing where there is none.
+fn loops(outcomes: &[Outcome]) -> String {
+    let mut rows: Vec<(String, Vec<Returned>)> = Vec::new();
+    for outcome in outcomes {
+        let Some(returned) = outcome.returned else { continue };
+        let row = outcome.kind.row();
+        match rows.iter_mut().find(|(name, _)| *name == row) {
+            Some((_, own)) => own.push(returned),
+            None => rows.push((row, vec![returned])),
+        }
+    }
+    if rows.is_empty() {
+        return String::new();
+    }
+    let mut text = format!(
+        "\nDrives that come back. *Closed*: a loop is closed, and frames at the end are found within {GAP} m of where they are, from the nearest frame \
+         at the begin. *Wrongly*: a loop is closed, and they are not.\n\n\
+         | drive | drives | closed | wrongly | gap: median, most |\n|---|---|---|---|---|\n"
+    );
+    for (row, own) in &rows {
+        let count =
+            |is_asked: &dyn Fn(&Returned) -> bool| own.iter().filter(|returned| is_asked(returned)).count();
+        let is_near = |returned: &Returned| returned.gap.is_some_and(|gap| gap <= GAP);
+        let gaps: Vec<f64> = own.iter().filter_map(|returned| returned.gap).collect();
+        let most = gaps.iter().copied().reduce(f64::max);
+        let metres = |gap: Option<f64>| gap.map_or(MISSING.to_owned(), |gap| format!("{gap:.2} m"));
+        let _ = writeln!(
+            text,
+            "| {row} | {} | {} | {} | {}, {} |",
+            own.len(),
+            count(&|returned| returned.loops > 0 && is_near(returned)),
+            count(&|returned| returned.loops > 0 && !is_near(returned)),
+            metres(median(gaps)),
+            metres(most)
+        );
+    }
     text
 }
 
@@ -73,6 +121,7 @@ fn cells(own: &[&Outcome]) -> String {
 mod tests {
     use super::super::cases::Kind;
     use super::*;
+    use loopbox_tests::streets::Return;
 
     #[test]
     fn a_row_counts_what_is_wrong_and_whether_it_was_reported() {
@@ -84,11 +133,30 @@ mod tests {
             visible: 100,
             fragments,
             is_reported,
+            returned: None,
         };
         let outcomes =
             [outcome(false, vec![right]), outcome(true, vec![right, wrong]), outcome(false, vec![wrong])];
         let text = section(&outcomes, &[1]);
         let row = "| a camera turns for 4 s before it moves | 3 | 66.7 % | 60.0 % | 1 | 1 | 1.10 | 1.0 % |";
+        assert!(text.contains(row), "{text}");
+        assert!(!text.contains("Drives that come back"));
+    }
+
+    #[test]
+    fn a_drive_that_comes_back_is_closed_rightly_wrongly_or_not() {
+        let outcome = |loops, gap| Outcome {
+            kind: Kind::Loop(Return::MetreAside),
+            seed: 1,
+            visible: 100,
+            fragments: Vec::new(),
+            is_reported: false,
+            returned: Some(Returned { loops, gap }),
+        };
+        let outcomes =
+            [outcome(2, Some(0.1)), outcome(1, Some(7.0)), outcome(0, Some(0.4)), outcome(0, None)];
+        let row = "| round a block, back a metre aside | 4 | 1 | 1 | 0.40 m, 7.00 m |";
+        let text = section(&outcomes, &[1]);
         assert!(text.contains(row), "{text}");
     }
 }
