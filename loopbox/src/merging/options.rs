@@ -2,6 +2,7 @@
 
 use super::joint::optimised;
 use super::manifest::{Given, Source};
+use super::places::Appearances;
 use super::{
     Input, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, keep_from, listed,
     merge_knowing, verdict, write_results,
@@ -10,10 +11,10 @@ use crate::results::{Owner, Results};
 use crate::swapping::SwapFiles;
 use crate::verdicts::CameraVerdicts;
 use anyhow::{Result, anyhow, bail};
-use place_recog::Vocabulary;
+use place_recog::{ProposeParams, Vocabulary};
 use rayon::prelude::*;
 use sources::Stop;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -188,17 +189,64 @@ pub(crate) fn load(
     watcher: &dyn MergeWatcher,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Vec<Input>> {
-    stage(&format!("reading {} maps, and finding the features that they lack", paths.len()))?;
-    let loaded: Vec<Result<Input>> =
-        paths.par_iter().map(|path| Input::load(path, vocabulary, swap)).collect();
     let mut inputs: Vec<Input> = Vec::new();
-    for input in loaded {
-        let mut input = input?;
-        input.warnings.iter().for_each(|warning| watcher.warn(warning));
+    let read = |path: &Path| {
+        let input = Input::load(path, vocabulary, swap)?;
+        Ok(Loaded { warnings: input.warnings.clone(), what: input })
+    };
+    for mut input in read_all(paths, &read, watcher, stage)? {
         input.name_apart_from(&inputs);
         inputs.push(input);
     }
     // The common world is that of the first: metres, where one knows them.
     inputs.sort_by_key(|input| !input.map.is_metric());
     Ok(inputs)
+}
+
+/// What proposing asks of the maps, in the order of [`load`] and each with its place among `paths`. No more maps are held at a time than
+/// there are cores.
+pub(crate) fn load_appearances(
+    paths: &[PathBuf],
+    vocabulary: &Arc<Vocabulary>,
+    params: &ProposeParams,
+    watcher: &dyn MergeWatcher,
+    stage: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Vec<(usize, Appearances)>> {
+    let folder = std::env::temp_dir();
+    let kept = SwapFiles::new(folder.clone());
+    let read = |path: &Path| {
+        // Files of its own, which end with the map.
+        let swap = SwapFiles::of_one_in(folder.clone(), rayon::current_num_threads());
+        let mut input = Input::load(path, vocabulary, &swap)?;
+        let (warnings, is_metric) = (std::mem::take(&mut input.warnings), input.map.is_metric());
+        Ok(Loaded { what: (is_metric, Appearances::of(&input, params).apart(&kept)), warnings })
+    };
+    let read = read_all(paths, &read, watcher, stage)?;
+    let mut all: Vec<(usize, (bool, Appearances))> = read.into_iter().enumerate().collect();
+    all.sort_by_key(|(_, (is_metric, _))| !is_metric);
+    Ok(all.into_iter().map(|(place, (_, appearances))| (place, appearances)).collect())
+}
+
+/// What is made of a map, with what is missing from it, for people.
+struct Loaded<T> {
+    what: T,
+    warnings: Vec<String>,
+}
+
+/// What is made of each map, several read at a time.
+fn read_all<T: Send>(
+    paths: &[PathBuf],
+    read: &(dyn Fn(&Path) -> Result<Loaded<T>> + Sync),
+    watcher: &dyn MergeWatcher,
+    stage: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Vec<T>> {
+    stage(&format!("reading {} maps, and finding the features that they lack", paths.len()))?;
+    let loaded: Vec<Result<Loaded<T>>> = paths.par_iter().map(|path| read(path)).collect();
+    let mut all = Vec::new();
+    for loaded in loaded {
+        let Loaded { what, warnings } = loaded?;
+        warnings.iter().for_each(|warning| watcher.warn(warning));
+        all.push(what);
+    }
+    Ok(all)
 }
