@@ -1,15 +1,14 @@
 //! A merge as it is asked for, and its way from there to the results.
 
 use super::joint::optimised;
-use super::manifest::{Given, Source};
+use super::manifest::{ManifestMap, arrangements, begin};
 use super::places::Appearances;
 use super::{
-    Input, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, keep_from, listed,
-    merge_knowing, verdict, write_results,
+    Input, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, listed, merge_knowing,
+    verdict, write_results,
 };
-use crate::results::{Owner, Results};
 use crate::swapping::SwapFiles;
-use crate::verdicts::CameraVerdicts;
+use crate::verdicts::{CameraVerdicts, MapDigest};
 use anyhow::{Result, anyhow, bail};
 use place_recog::{ProposeParams, Vocabulary};
 use rayon::prelude::*;
@@ -17,9 +16,6 @@ use sources::Stop;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Where verdicts are kept beside a manifest alone.
-const VERDICTS: &str = "verdicts";
 
 /// How maps are to be merged.
 #[derive(Clone, Debug)]
@@ -115,14 +111,10 @@ pub fn merge_maps_watched(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Merged> {
-    let given = Given::at(paths, &options.without)?;
-    let paths = &given.maps;
-    refuse_one(paths)?;
+    let start = Instant::now();
+    let (given, mut output) = begin(paths, &options.without, (&options.out, options.force))?;
     // Other methods are compared as they are.
     options.params.joint &= options.params.method.baseline().is_none();
-    let start = Instant::now();
-    keep_from(&options.out, paths)?;
-    let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
     let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
     let mut stage = |text: &str| {
         watcher.stage(text);
@@ -130,11 +122,10 @@ pub fn merge_maps_watched(
     };
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(options.out.clone());
-    let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
+    let inputs = load(&given.maps, &vocabulary, &swap, watcher, &mut stage)?;
     let params = &options.params;
-    let digests = given.digests(&inputs)?;
-    let beside = || (!options.map).then(|| options.out.join(VERDICTS));
-    let place = options.verdicts.clone().or(given.verdicts.clone()).or_else(beside);
+    let digests = given.digests(&inputs.iter().map(|input| &input.path).collect::<Vec<_>>())?;
+    let place = given.verdicts_at(options.verdicts.as_deref(), (!options.map).then_some(&*options.out));
     let verdicts =
         place.as_deref().map(|place| CameraVerdicts::at(place, digests.clone(), params)).transpose()?;
     let known = (&*options.confirm, verdicts.as_ref());
@@ -153,9 +144,8 @@ pub fn merge_maps_watched(
     let mut record = MergeRecord::new(&inputs, &merging, params, &names)?;
     if merging.any_joined() {
         stage("writing the results")?;
-        let about =
-            Source { inputs: &inputs, digests: &digests, verdicts: place.as_deref(), folder: &options.out };
-        let manifest = Manifest::of(&about, &merging, &provenance);
+        let groups = arrangements(&merging.fused, &merging.addresses, &provenance);
+        let manifest = Manifest::new(lines(&inputs, digests), place.as_deref(), groups, &options.out);
         match options.map {
             true => write_results(&mut output, &inputs, &merging, &names, Some(&manifest), &mut record)?,
             false => manifest.write(&mut output)?,
@@ -169,6 +159,15 @@ pub fn merge_maps_watched(
         }
     }
     Ok(Merged { inputs, merging, names, record, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// The maps as a manifest names them, whose files have these digests.
+fn lines(inputs: &[Input], digests: Vec<MapDigest>) -> Vec<ManifestMap> {
+    let line = |(input, sha256): (&Input, MapDigest)| {
+        let (name, path) = (input.name.clone(), input.path.clone());
+        ManifestMap { name, path, sha256 }
+    };
+    inputs.iter().zip(digests).map(line).collect()
 }
 
 /// Refuses one map alone.
