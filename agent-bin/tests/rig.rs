@@ -154,6 +154,28 @@ fn a_cameras_map_gets_its_scale_from_the_lidar_on_its_rig() {
         assert!(again == fs::read(own.join("map.mcap")).unwrap(), "{name} as it was");
     }
 
+    // A manifest makes the map of it, and grows by what is new.
+    let exported = |map: &Path| {
+        run(0, &["export", arg(map), "--mcap", arg(&at("exported.mcap"))]);
+        fs::read(at("exported.mcap")).unwrap()
+    };
+    assert!(exported(&all.join("manifest.json")) == fs::read(all.join("map.mcap")).unwrap());
+    let (pose, duration) = walk(&[[-7.0, 4.8], [5.0, 5.2]]);
+    write_recording(&at("more"), &HALL, &pose, duration).unwrap();
+    run(0, &["run", arg(&at("more")), "--out", arg(&at("out/more")), "--quiet"]);
+    let (small, grown, more) = (at("small"), at("grown"), at("out/more"));
+    run(0, &["merge", arg(&both), arg(&other), "--no-map", "--out", arg(&small), "--quiet"]);
+    let kept = || fs::read_dir(small.join("verdicts")).unwrap().count();
+    assert_eq!((small.join("map.mcap").exists(), kept()), (false, 1));
+    run(0, &["merge", arg(&small), arg(&more), "--no-map", "--out", arg(&grown), "--quiet"]);
+    assert_eq!(kept(), 3, "pairs with the new map are compared");
+    let once = at("once");
+    run(0, &["merge", arg(&both), arg(&other), arg(&more), "--out", arg(&once), "--quiet"]);
+    assert!(exported(&grown) == fs::read(once.join("map.mcap")).unwrap(), "grown as at once");
+    let rest = at("rest");
+    run(0, &["merge", arg(&grown), "--without", "more", "--out", arg(&rest), "--quiet"]);
+    assert!(fs::read(rest.join("map.mcap")).unwrap() == exported(&small), "what is left out leaves nothing");
+
     // What is wrong with an extrinsic is said, and nothing is written.
     let nothing = at("nothing");
     let merge = ["merge", arg(&camera), arg(&lidar), "--out", arg(&nothing), "--quiet"];

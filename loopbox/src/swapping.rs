@@ -57,6 +57,11 @@ impl SwapFiles {
         Self::beyond(folder, IN_MEMORY)
     }
 
+    /// The same for one of so many that are used at a time, and are in memory together what one alone is.
+    pub fn of_one_in(folder: PathBuf, count: usize) -> Self {
+        Self::beyond(folder, IN_MEMORY / count.max(1) as u64)
+    }
+
     /// The same, for what is more than `in_memory` bytes.
     pub fn beyond(folder: PathBuf, in_memory: u64) -> Self {
         let (open, on_disk) = Default::default();

@@ -82,7 +82,7 @@ fn features(map: &Map) -> KeyframeFeatures {
 fn places([target, source]: [&KeyframeFeatures; 2]) -> Vec<Place> {
     let vocabulary = &Vocabulary::shipped();
     let words = |features: &KeyframeFeatures| -> BTreeMap<KeyframeId, WordBag> {
-        let of = |id| FeatureWords::of(features.get(id).expect("its own"), vocabulary).bag();
+        let of = |id| FeatureWords::of(&features.get(id).expect("its own"), vocabulary).bag();
         features.keyframes().map(|id| (id, of(id))).collect()
     };
     let found = propose(&words(target), &words(source), vocabulary, &ProposeParams::default());
@@ -95,7 +95,7 @@ fn files_of(parts: usize, files: [&String; 2]) {
     let all = (0..parts).flat_map(|i| (0..parts).map(move |j| (i, j)));
     let (of_a, of_b) = (features(&a), features(&b));
     let of = |features: &KeyframeFeatures, map: &Map| -> KeyframeFeatures {
-        map.keyframes.keys().filter_map(|id| Some((*id, features.get(*id)?.clone()))).collect()
+        map.keyframes.keys().filter_map(|id| Some((*id, (*features.get(*id)?).clone()))).collect()
     };
     let name = |file: &str| file.rsplit('/').nth(1).unwrap_or("map").to_owned();
     // Of one map no part meets itself.

@@ -12,10 +12,12 @@ use place_recog::KeyframeFeatures;
 use place_recog::features::Features;
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// Pyramid levels prepared for direct alignment.
 const LEVELS: usize = 5;
+/// Bytes of what direct alignment takes, for each pixel: image and depth with their halvings, about.
+const VIEW_BYTES: usize = 13;
 
 /// A map with the features of its keyframes.
 pub struct PreparedMap<'a> {
@@ -40,7 +42,7 @@ pub struct PreparedKeyframe<'a> {
     /// Its camera.
     pub camera: &'a Pinhole,
     /// Its features, where that camera would have found them.
-    pub features: Cow<'a, Features>,
+    pub features: Arc<Features>,
     rectification: Option<Rectification>,
     params: &'a KeyPointParams,
     // Each made when first asked for: most places need no more than bearings, further closures no more than a view.
@@ -94,13 +96,16 @@ impl<'a> PreparedMap<'a> {
         self.keyframes.contains_key(&id)
     }
 
-    /// Gives back the memory of the keyframes made ready, where they are more than `most`: they are made ready again when
-    /// asked for.
-    pub fn forget_beyond(&mut self, most: usize) {
-        let ready = self.keyframes.values().filter(|slot| slot.get().is_some()).count();
-        if ready > most {
-            self.keyframes.values_mut().for_each(|slot| drop(slot.take()));
-        }
+    /// What the keyframes made ready take with all features that were read, bytes, about.
+    pub fn bytes(&self) -> usize {
+        let ready = self.keyframes.values().filter_map(|slot| slot.get());
+        self.features.bytes() + ready.map(PreparedKeyframe::bytes).sum::<usize>()
+    }
+
+    /// Gives back the memory of the keyframes made ready and of their features: they are made ready again when asked for.
+    pub fn forget(&mut self) {
+        self.keyframes.values_mut().for_each(|slot| drop(slot.take()));
+        self.features.rest();
     }
 
     /// The keyframes before and after `id` in order of time, of the same agent.
@@ -140,22 +145,30 @@ impl<'a> PreparedMap<'a> {
 }
 
 impl<'a> PreparedKeyframe<'a> {
-    fn new(keyframe: &'a Keyframe, map: &'a Map, features: &'a Features, params: &'a KeyPointParams) -> Self {
+    fn new(
+        keyframe: &'a Keyframe,
+        map: &'a Map,
+        mut features: Arc<Features>,
+        params: &'a KeyPointParams,
+    ) -> Self {
         let camera = map.camera(keyframe);
         let rectification = map.rectification(keyframe);
-        let features = match &rectification {
-            None => Cow::Borrowed(features),
-            Some(rectification) => {
-                let mut features = features.clone();
-                for keypoint in &mut features.keypoints {
-                    keypoint.pixel = rectification.pixel(keypoint.pixel);
-                }
-                Cow::Owned(features)
+        if let Some(rectification) = &rectification {
+            for keypoint in &mut Arc::make_mut(&mut features).keypoints {
+                keypoint.pixel = rectification.pixel(keypoint.pixel);
             }
-        };
+        }
         let (bearings, depth, points, view) =
             (OnceLock::new(), OnceLock::new(), OnceLock::new(), OnceLock::new());
         Self { keyframe, camera, features, rectification, params, bearings, depth, points, view }
+    }
+
+    /// What it takes beside its features, bytes, about.
+    fn bytes(&self) -> usize {
+        let bearings = self.bearings.get().map_or(0, |bearings| size_of_val(&bearings[..]));
+        let points = self.points.get().map_or(0, |points| size_of_val(&points[..]));
+        let view = self.view.get().map_or(0, |_| VIEW_BYTES * self.camera.width * self.camera.height);
+        bearings + points + view
     }
 
     /// Its depth, where an ideal camera sees it.

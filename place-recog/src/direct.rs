@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// How proposals are ranked.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -80,7 +81,7 @@ pub struct Directed<'a> {
 }
 
 impl<'a> Directed<'a> {
-    fn get(&self, id: KeyframeId) -> Option<(&'a DirectIndex, &'a Features)> {
+    fn get(&self, id: KeyframeId) -> Option<(&'a DirectIndex, Arc<Features>)> {
         let (index, features) = (self.index.get(&id)?, self.features.get(id)?);
         // Words and features may come from a file that says something else of each.
         (index.0.len() == features.len()).then_some((index, features))
@@ -98,8 +99,8 @@ pub fn ranked(
     let considered = params.considered.min(proposals.len());
     let count = |proposal: &Proposal| {
         let pair = (map.get(proposal.keyframe), queries.get(proposal.query));
-        let (Some(of_map), Some(of_query)) = pair else { return 0 };
-        shared_features(of_map, of_query, params)
+        let (Some((map, of_map)), Some((query, of_query))) = pair else { return 0 };
+        shared_features((map, &of_map), (query, &of_query), params)
     };
     let first = &mut proposals[..considered];
     first.par_iter_mut().for_each(|proposal| proposal.shared = Some(count(proposal)));
@@ -216,7 +217,7 @@ mod tests {
         let map: KeyframeFeatures = (0..4).map(|i| (KeyframeId(i), images[i as usize].clone())).collect();
         let vocabulary = Vocabulary::shipped();
         let index = |all: &KeyframeFeatures| -> BTreeMap<_, _> {
-            let index = |id| (id, DirectIndex::with_words(all.get(id).unwrap(), &vocabulary).0);
+            let index = |id| (id, DirectIndex::with_words(&all.get(id).unwrap(), &vocabulary).0);
             all.keyframes().map(index).collect()
         };
         let (of_map, of_queries) = (index(&map), index(&queries));

@@ -6,7 +6,6 @@ use crate::{failed, on_threads};
 use anyhow::{Result, bail};
 use eval::{AlignMode, Options};
 use loopbox::blobs::{local_files, local_pair};
-use loopbox::lidar::merging::LidarMergeParams;
 use loopbox::lidar::{self, LidarMergeOptions};
 use loopbox::merging::MergingParams;
 use loopbox::open::{Sensors, sensors_at};
@@ -141,8 +140,8 @@ pub fn merge(
         Ok((merged.any_joined(), merged.verdict(), serde_json::to_string(&merged.record)?))
     };
     let of_lidars = |maps: &[PathBuf]| -> Result<(bool, String, String)> {
-        let (params, verdicts, confirm) = (LidarMergeParams::default(), verdicts.clone(), confirm.clone());
-        let options = LidarMergeOptions { out: out.clone(), force, params, verdicts, confirm };
+        let (verdicts, confirm) = (verdicts.clone(), confirm.clone());
+        let options = LidarMergeOptions { force, verdicts, confirm, ..LidarMergeOptions::to(&out) };
         let merged = lidar::merge_maps(maps, &options, &Stop::default(), &mut |_| {})?;
         let record = serde_json::to_string(&merged.record)?;
         Ok((merged.merging.any_joined(), merged.verdict(), record))

@@ -72,11 +72,8 @@ impl JudgingArgs {
     /// Those of LiDARs and of cameras, where both are among the maps.
     ///
     /// # Errors
-    /// When the parameter file cannot be read, the method is one of cameras, or verdicts are to be kept.
+    /// When the parameter file cannot be read, the method is one of cameras, or a pair is confirmed.
     pub fn of_both(&self) -> Result<(LidarMergeParams, MergingParams)> {
-        if self.verdicts.is_some() {
-            bail!("--verdicts is for maps of cameras alone or of LiDARs alone, and among these are both");
-        }
         if !self.confirm.is_empty() {
             bail!("--confirm is for maps of cameras alone or of LiDARs alone, and among these are both");
         }

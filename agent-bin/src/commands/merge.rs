@@ -46,11 +46,11 @@ pub struct MergeArgs {
     extrinsic: Option<Se3>,
     /// Leave out these maps of a manifest, by their names: as if they had never been merged
     #[arg(long, value_name = "NAME")]
-    without: Vec<String>,
+    pub(super) without: Vec<String>,
     /// Write the manifest alone, of which maps, clouds, trajectories and the report are made when they are asked for. Verdicts are kept
-    /// beside it, unless --verdicts or a manifest among the maps says where. Of cameras
+    /// beside it, unless --verdicts or a manifest among the maps says where
     #[arg(long, conflicts_with_all = ["extrinsic", "open"])]
-    no_map: bool,
+    pub(super) no_map: bool,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts
     #[arg(long)]
     pub(super) json: bool,
@@ -150,15 +150,21 @@ impl MergeArgs {
         if cameras.method.baseline().is_some() {
             bail!("maps with a LiDAR's among them are merged with `method = \"direct\"`");
         }
-        Ok(MixedOptions { out: self.out.clone(), force: self.force, lidars, cameras })
+        Ok(MixedOptions {
+            out: self.out.clone(),
+            force: self.force,
+            lidars,
+            cameras,
+            verdicts: self.judging.verdicts.clone(),
+            without: self.without.clone(),
+            map: !self.no_map,
+        })
     }
 
     /// Refuses what is for cameras alone.
     fn check_lidar_options(&self) -> Result<()> {
-        if self.optimise || self.no_optimise || self.no_map || !self.without.is_empty() {
-            bail!(
-                "--optimise, --no-optimise, --no-map and --without are for maps of cameras, and there is a LiDAR's among these"
-            );
+        if self.optimise || self.no_optimise {
+            bail!("--optimise and --no-optimise are for maps of cameras, and there is a LiDAR's among these");
         }
         Ok(())
     }

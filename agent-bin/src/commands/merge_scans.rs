@@ -8,6 +8,7 @@ use anyhow::Result;
 use loopbox::lidar::merging::LidarMergeParams;
 use loopbox::lidar::{LidarMergeOptions, LidarMerged, merge_maps};
 use loopbox::merging::{MixedOptions, merge_mixed};
+use loopbox::results::MANIFEST;
 
 /// Merges them.
 ///
@@ -23,6 +24,8 @@ pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
         params,
         verdicts: args.judging.verdicts.clone(),
         confirm: args.judging.confirm.clone(),
+        without: args.without.clone(),
+        map: !args.no_map,
     };
     let merged = merge_maps(&args.maps, &options, &stop, &mut stage)?;
     merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
@@ -58,20 +61,24 @@ pub fn run_mixed(args: &MergeArgs, options: &MixedOptions) -> Result<()> {
     if args.json {
         return Ok(());
     }
-    let maps = merged.record.files.iter().filter(|file| file.starts_with("map"));
-    for (file, names) in maps.zip(&merged.record.groups) {
-        text += &format!("{}: {}\n", args.out.join(file).display(), names.join(", "));
-    }
+    text += &groups(args, &merged.record.files, &merged.record.groups);
     console::print(&text)
 }
 
 /// What came of it, for people.
 fn summary(args: &MergeArgs, merged: &LidarMerged) -> String {
-    let (record, mut text) = (&merged.record, merged.verdict());
-    let maps = record.files.iter().filter(|file| file.starts_with("map"));
-    for (file, names) in maps.zip(&record.groups) {
-        text += &format!("{}: {}\n", args.out.join(file).display(), names.join(", "));
-    }
+    let record = &merged.record;
+    let text = merged.verdict() + &groups(args, &record.files, &record.groups);
     let memory = record.cost.peak_memory_bytes.map_or(String::new(), |b| format!(", {} MiB", b >> 20));
     text + &format!("{:.2} s for the merge{memory}\n", record.cost.merge_s)
+}
+
+/// Who hangs together, and in which file of results.
+fn groups(args: &MergeArgs, files: &[String], groups: &[Vec<String>]) -> String {
+    let mut maps = files.iter().filter(|file| file.starts_with("map"));
+    let line = |names: &Vec<String>| {
+        let file = maps.next().map_or(MANIFEST, |file| file);
+        format!("{}: {}\n", args.out.join(file).display(), names.join(", "))
+    };
+    groups.iter().map(line).collect()
 }

@@ -1,6 +1,6 @@
 //! Who hears of the common maps as they are merged: ROS 2, a page.
 
-use crate::lidar::merging::{Input, LidarMerging};
+use crate::lidar::merging::LidarMerging;
 use crate::ros::Common;
 use merge::common_map::Fused;
 
@@ -10,7 +10,7 @@ pub trait CommonListener: Send + Sync {
     fn cameras(&mut self, merged: &[Fused]);
 
     /// LiDARs' maps were merged anew.
-    fn lidars(&mut self, _inputs: &[Input], _merging: &LidarMerging) {}
+    fn lidars(&mut self, _merging: &LidarMerging) {}
 
     /// Some time went by.
     fn tick(&mut self) {}
@@ -21,8 +21,8 @@ impl CommonListener for Common {
         self.publish_cameras(merged);
     }
 
-    fn lidars(&mut self, inputs: &[Input], merging: &LidarMerging) {
-        self.publish_lidars(inputs, merging);
+    fn lidars(&mut self, merging: &LidarMerging) {
+        self.publish_lidars(merging);
     }
 
     fn tick(&mut self) {

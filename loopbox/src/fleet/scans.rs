@@ -101,7 +101,7 @@ impl ScanCollector {
         let current = verdicts.objects();
         self.verdicts.retain(|name| current.contains(name));
         self.found = found(lent, Some(&merging));
-        listeners.iter_mut().for_each(|listener| listener.lidars(inputs, &merging));
+        listeners.iter_mut().for_each(|listener| listener.lidars(&merging));
         let is_due = at_rest || self.written.is_none_or(|written| written.elapsed() > WRITE_INTERVAL);
         if merging.any_joined() && is_due {
             self.write(inputs, &merging).map_err(Failed::Write)?;
@@ -124,7 +124,7 @@ impl ScanCollector {
         };
         results.start_over()?;
         let mut record = LidarMergeRecord::of(inputs, merging);
-        write_merged(results, inputs, merging, &mut record)?;
+        write_merged(results, inputs, merging, None, &mut record)?;
         results.commit()
     }
 }
@@ -138,7 +138,7 @@ fn found(lent: &Inputs<Input>, merging: Option<&LidarMerging>) -> MergeResults {
         group.and_then(|group| group.members.first()).copied().unwrap_or(input)
     };
     let agent = |(number, input): (usize, &Input)| {
-        let place = merging.map_or_else(Se3::identity, |merging| place_of(merging, input, number));
+        let place = merging.map_or_else(Se3::identity, |merging| place_of(merging, number));
         PlacedAgent {
             agent: identity(number),
             name: input.name.clone(),
@@ -287,14 +287,7 @@ mod tests {
         assert!(collector.is_done());
         let (paths, out) =
             (["a.mcap", "b.mcap"].map(|name| room.path().join(name)), room.path().join("files"));
-        let options = LidarMergeOptions {
-            out: out.clone(),
-            force: false,
-            params: LidarMergeParams::default(),
-            verdicts: None,
-            confirm: Vec::new(),
-        };
-        merge_maps(&paths, &options, &Stop::default(), &mut |_| {}).unwrap();
+        merge_maps(&paths, &LidarMergeOptions::to(&out), &Stop::default(), &mut |_| {}).unwrap();
         for name in ["map.mcap", "cloud.ply", "trajectory-b.txt"] {
             let same =
                 fs::read(out.join(name)).unwrap() == fs::read(room.path().join("lidar").join(name)).unwrap();

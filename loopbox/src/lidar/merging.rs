@@ -1,35 +1,32 @@
 //! LiDAR maps of several agents brought into one.
 
+mod input;
 mod record;
 
+pub(crate) use input::Files;
+pub use input::Input;
 pub use record::{DifferenceRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost, PairRecord};
 
-use super::convert::{edge, keyframes};
-use crate::merging::{name_of, named_pair, untaken};
+use super::convert::edge;
+use crate::merging::named_pair;
 use crate::verdicts::LidarVerdicts;
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use backend::verdict::{Answer, Prior};
 use geometry::{Se3, Sim3};
-use map::{AgentId, Edge, EdgeKind, Keyframe, KeyframeId, Map};
+use map::{AgentId, Edge, EdgeKind, KeyframeId, Map};
+use merge::common_map::{Arrangement, Numbers, Placed};
 use serde::Serialize;
-use slam_lidar::keyframe;
 use slam_lidar::merging::graph::{Joined, Merge, joined};
-use slam_lidar::merging::robot_map::RobotMap;
 use slam_lidar::merging::verdict::{Decision, MergeEvidence, Verdict};
 use slam_lidar::merging::{MergeMethod, merge_by};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::PathBuf;
 use std::time::Instant;
 
 /// What a merge errs by at its place, metres and radians: an edge between agents is worth so much.
 const DEVIATION: (f64, f64) = (0.02, 0.002);
 /// A merge that the others contradict ends with a weight below this, and is taken back.
 const OUTVOTED: f64 = 0.5;
-
-/// Keyframes lie no farther than this from their map's origin, metres: single precision tells 8 mm apart there, and grids
-/// of 0.15 m reach 157 km.
-const FARTHEST: f64 = 1e5;
 
 /// How maps of LiDARs are merged.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -38,74 +35,6 @@ pub struct LidarMergeParams {
     pub method: MergeMethod,
     /// What may have changed between two maps.
     pub prior: Prior,
-}
-
-/// A map to be merged.
-pub struct Input {
-    /// The file or folder it was given as.
-    pub path: PathBuf,
-    /// What to call it, unique among the inputs: its agent's name.
-    pub name: String,
-    /// The agent's own map.
-    pub map: Map,
-    names: Vec<KeyframeId>,
-    keyframes: Vec<keyframe::Keyframe>,
-    ready: RobotMap,
-}
-
-impl Input {
-    /// The agents of the maps in `given`, each with its own map: what was merged before is taken apart.
-    ///
-    /// # Errors
-    /// Names the map that is not of LiDARs, or that has no keyframes or some too far away; and those of [`Map::can_unite`].
-    pub fn all(given: Vec<(PathBuf, Map)>) -> Result<Vec<Self>> {
-        let mut inputs: Vec<Self> = Vec::new();
-        Map::can_unite(&given.iter().map(|(_, map)| map).collect::<Vec<_>>())?;
-        for (path, map) in given {
-            map.of_lidars()
-                .with_context(|| format!("{}: cannot be merged with LiDAR maps", path.display()))?;
-            for own in map.split() {
-                inputs.push(Self::of(path.clone(), own)?);
-            }
-        }
-        Self::name_apart(&mut inputs);
-        Ok(inputs)
-    }
-
-    /// Gives inputs the names of their agents, those that occur again with a number.
-    pub(crate) fn name_apart(inputs: &mut [Self]) {
-        let mut taken = BTreeSet::new();
-        for input in inputs {
-            input.name = untaken(&name_of(&input.map), |name| taken.contains(name));
-            taken.insert(input.name.clone());
-        }
-    }
-
-    /// The own map of an agent; `path` says where it came from.
-    ///
-    /// # Errors
-    /// When it has no keyframes, or one that lies too far away.
-    pub(crate) fn of(path: PathBuf, map: Map) -> Result<Self> {
-        let is_far = |keyframe: &&Keyframe| keyframe.world_from_keyframe.translation.norm() > FARTHEST;
-        if let Some(far) = map.keyframes.values().find(is_far) {
-            let (distance, id) = (far.world_from_keyframe.translation.norm(), far.id.0);
-            bail!(
-                "{}: keyframe {id} lies {distance:.1e} m from the map's origin, farther than the {FARTHEST:.0} m that maps may reach",
-                path.display()
-            );
-        }
-        let (names, keyframes) = keyframes(&map);
-        if keyframes.is_empty() {
-            bail!("{}: the map has no keyframes: there is nothing to merge", path.display());
-        }
-        let ready = RobotMap::new(&keyframes);
-        Ok(Self { path, name: name_of(&map), map, names, keyframes, ready })
-    }
-
-    /// How many keyframes it is merged by.
-    pub fn keyframe_count(&self) -> usize {
-        self.keyframes.len()
-    }
 }
 
 /// What came of a pair of maps.
@@ -157,6 +86,8 @@ impl Pair {
 pub struct Group {
     /// The inputs in it, ascending.
     pub members: Vec<usize>,
+    /// Where the maps of these lie: `root_from_map`, metres.
+    pub root_from_map: Vec<Se3>,
     /// Their maps in the world of the first.
     pub map: Map,
 }
@@ -177,6 +108,21 @@ impl LidarMerging {
     /// Whether any two maps were joined.
     pub fn any_joined(&self) -> bool {
         self.groups.iter().any(|group| group.members.len() > 1)
+    }
+
+    /// How the agents of each group lie, whose inputs came from these files; `provenance` is that of groups of several.
+    pub(crate) fn arrangements(&self, files: &Files, provenance: &[(String, String)]) -> Vec<Arrangement> {
+        let placed = |(input, root_from_map): (&usize, &Se3)| {
+            let ((map, agent), root_from_agent) =
+                (files.agents[*input], Numbers::of(&(*root_from_map).into()));
+            Placed { map, agent, root_from_agent }
+        };
+        let group = |group: &Group| {
+            let placed: Vec<Placed> = group.members.iter().zip(&group.root_from_map).map(placed).collect();
+            let provenance = provenance.iter().filter(|_| placed.len() > 1).cloned().collect();
+            Arrangement::of(&group.map, placed, provenance)
+        };
+        self.groups.iter().map(group).collect()
     }
 }
 
@@ -222,7 +168,9 @@ pub(crate) fn merge_knowing(
     let mut pairs = Vec::new();
     for b in 1..inputs.len() {
         for a in 0..b {
-            stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
+            if !known.1.map_or(Ok(false), |verdicts| verdicts.has([a, b]))? {
+                stage(&format!("comparing {} and {}", inputs[a].name, inputs[b].name))?;
+            }
             pairs.push(compared(inputs, [a, b], params, known)?);
         }
     }
@@ -339,21 +287,26 @@ fn groups(inputs: &[Input], pairs: &[Pair], joined: &Joined) -> Result<Vec<Group
     for (input, root) in joined.root.iter().enumerate() {
         members.entry(*root).or_default().push(input);
     }
-    let group = |members: Vec<usize>| Ok(Group { map: united(inputs, pairs, joined, &members)?, members });
+    let group = |members: Vec<usize>| {
+        let is_alone = members.len() == 1;
+        let place = |input: &usize| if is_alone { Se3::identity() } else { joined.root_from_map[*input] };
+        let root_from_map: Vec<Se3> = members.iter().map(place).collect();
+        Ok(Group { map: united(inputs, pairs, &members, &root_from_map)?, members, root_from_map })
+    };
     members.into_values().map(group).collect()
 }
 
 /// The union of the maps of some inputs in the world of the first: Eq. 11, `M_global = ∪ T_i(M_i)`, with `root_from_map` as T_i. In
 /// place of its threshold on a confidence, only maps of merges that were accepted and not taken back are joined. The map of one
 /// input alone is its own.
-fn united(inputs: &[Input], pairs: &[Pair], joined: &Joined, members: &[usize]) -> Result<Map> {
+fn united(inputs: &[Input], pairs: &[Pair], members: &[usize], root_from_map: &[Se3]) -> Result<Map> {
     if let [alone] = members {
         return Ok(inputs[*alone].map.clone());
     }
     let maps = members.iter().map(|&input| inputs[input].map.clone()).collect();
     let mut map = Map::unite(maps)?;
     let place = |input: usize| members.iter().position(|member| *member == input);
-    let poses: Vec<Sim3> = members.iter().map(|&input| Sim3::from(joined.root_from_map[input])).collect();
+    let poses: Vec<Sim3> = root_from_map.iter().map(|pose| Sim3::from(*pose)).collect();
     for keyframe in map.keyframes.values_mut() {
         if let Some(root_from_map) = poses.get(usize::from(keyframe.agent.0)) {
             keyframe.world_from_keyframe = *root_from_map * keyframe.world_from_keyframe;
@@ -424,13 +377,10 @@ pub fn decision(pair: &Pair) -> &'static str {
 }
 
 /// Where an input's map lies in its group's.
-pub(crate) fn place_of(merging: &LidarMerging, input: &Input, index: usize) -> Se3 {
+pub(crate) fn place_of(merging: &LidarMerging, input: usize) -> Se3 {
     let found = merging.groups.iter().find_map(|group| {
-        let place = group.members.iter().position(|member| *member == index)?;
-        let agent = AgentId(u16::try_from(place).ok()?);
-        let moved = group.map.keyframes.values().find(|keyframe| keyframe.agent == agent)?;
-        let own = input.keyframes.first()?;
-        Some(moved.world_from_keyframe.rigid() * own.world_from_sensor.inverse())
+        let place = group.members.iter().position(|member| *member == input)?;
+        group.root_from_map.get(place).copied()
     });
     found.unwrap_or_else(Se3::identity)
 }

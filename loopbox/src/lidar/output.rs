@@ -1,20 +1,20 @@
 //! From recordings and maps in files to folders of results.
 
 use super::merging::{
-    Input, LidarMergeParams, LidarMergeRecord, LidarMerging, confirmed_pairs, merge_knowing, summary,
+    Files, Input, LidarMergeParams, LidarMergeRecord, LidarMerging, confirmed_pairs, merge_knowing, summary,
 };
 use super::notifying::Notifier;
 use super::poses::GivenPoses;
 use super::record::LidarRecord;
 use super::report;
 use super::run::{Event, LidarRun, RunOptions, run};
-use crate::merging::refuse_one;
+use crate::merging::{GroupMap, Manifest, Names, agent_digests, begin, write_groups};
 use crate::open::{open_map, recording_name};
-use crate::results::{Owner, Results, keep_from};
+use crate::results::{Owner, Results};
 use crate::run::{Listeners, numbered};
 use crate::verdicts::LidarVerdicts;
 use anyhow::{Context, Result, anyhow, bail};
-use map::{AgentInfo, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
+use map::{AgentId, AgentInfo, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
 use slam_lidar::mapping::MappingParams;
 use sources::Stop;
@@ -217,6 +217,19 @@ pub struct LidarMergeOptions {
     pub verdicts: Option<PathBuf>,
     /// Pairs of agents, each as `A+B`, of which a person says that both maps show one place.
     pub confirm: Vec<String>,
+    /// Maps of manifests among the given that are left out, by their names.
+    pub without: Vec<String>,
+    /// Whether maps, clouds, trajectories and the report are written besides the manifest. Where they are not, verdicts are kept beside it
+    /// unless something else is said.
+    pub map: bool,
+}
+
+impl LidarMergeOptions {
+    /// The usual merge, with results in `out`.
+    pub fn to(out: impl Into<PathBuf>) -> Self {
+        let (params, verdicts, confirm, without) = Default::default();
+        Self { out: out.into(), force: false, params, verdicts, confirm, without, map: true }
+    }
 }
 
 /// What came of a merge.
@@ -239,8 +252,8 @@ impl LidarMerged {
 }
 
 /// Merges the LiDAR maps at `paths`, each a `map.mcap` or the folder of a run, into a folder of results: for each group
-/// of maps that hang together a map, a cloud and trajectories, with `merge.json` and `report.html`. Where no two of them
-/// met, nothing is written.
+/// of maps that hang together a map, a cloud and trajectories, with `manifest.json`, `merge.json` and `report.html`. A manifest stands for
+/// all of its maps, and verdicts that are kept are not found again. Where no two of them met, nothing is written.
 ///
 /// # Errors
 /// When a map cannot be read or is not a LiDAR's, results cannot be written, or `stop` was wished.
@@ -250,28 +263,42 @@ pub fn merge_maps(
     stop: &Stop,
     stage: &mut dyn FnMut(&str),
 ) -> Result<LidarMerged> {
-    let LidarMergeOptions { out, force, params, verdicts, confirm } = options;
-    refuse_one(paths)?;
-    keep_from(out, paths)?;
-    let mut results = Results::create(out, &Owner::Merge, *force)?;
+    let LidarMergeOptions { out, params, map, .. } = options;
+    let (given, mut results) = begin(paths, &options.without, (out, options.force))?;
     let mut step = |text: &str| {
         stage(text);
         if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
     };
-    let (inputs, warnings) = read_inputs(paths, &mut step)?;
-    let verdicts = LidarVerdicts::of(verdicts.as_deref(), &inputs, params)?;
-    let confirm = confirmed_pairs(&inputs, confirm)?;
+    let (inputs, warnings) = read_inputs(&given.maps, &mut step)?;
+    let files = Files::of(&inputs);
+    let digests = given.digests(&files.paths)?;
+    let place = given.verdicts_at(options.verdicts.as_deref(), (!map).then_some(out.as_path()));
+    let of_agents = agent_digests(&files.agents, &digests);
+    let verdicts = place.as_deref().map(|place| LidarVerdicts::at(place, of_agents, params)).transpose()?;
+    let confirm = confirmed_pairs(&inputs, &options.confirm)?;
     let merging = merge_knowing(&inputs, params, (&confirm, verdicts.as_ref()), &mut step)?;
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();
     if merging.any_joined() {
         step("writing the results")?;
-        write_merged(&mut results, &inputs, &merging, &mut record)?;
+        let groups = merging.arrangements(&files, &provenance_of(&inputs));
+        let manifest = Manifest::new(files.listed(&digests), place.as_deref(), groups, out);
+        match *map {
+            true => write_merged(&mut results, &inputs, &merging, Some(&manifest), &mut record)?,
+            false => manifest.write(&mut results)?,
+        }
         step("putting the results in place")?;
         results.commit()?;
     }
     Ok(LidarMerged { inputs, merging, record, warnings })
+}
+
+/// How the maps of several of these inputs came to be.
+fn provenance_of(inputs: &[Input]) -> [(String, String); 2] {
+    let paths: Vec<String> = inputs.iter().map(|input| input.path.display().to_string()).collect();
+    let program = format!("loopbox {}", env!("CARGO_PKG_VERSION"));
+    [("program".to_owned(), program), ("inputs".to_owned(), paths.join("\n"))]
 }
 
 /// Reads the LiDAR maps at `paths`, of several agents each one's own, with what else there is to know, for people.
@@ -292,7 +319,7 @@ pub(crate) fn read_inputs(
     Ok((Input::all(given)?, warnings))
 }
 
-/// Writes what came of a merge; `record` learns the files' names and is written last.
+/// Writes what came of a merge, with the manifest that it is made of; `record` learns the files' names and is written last.
 ///
 /// # Errors
 /// Names the file that cannot be written.
@@ -300,35 +327,17 @@ pub(crate) fn write_merged(
     results: &mut Results,
     inputs: &[Input],
     merging: &LidarMerging,
+    manifest: Option<&Manifest>,
     record: &mut LidarMergeRecord,
 ) -> Result<()> {
-    let provenance: BTreeMap<String, String> = [
-        ("program".to_owned(), format!("loopbox {}", env!("CARGO_PKG_VERSION"))),
-        (
-            "inputs".to_owned(),
-            inputs.iter().map(|i| i.path.display().to_string()).collect::<Vec<_>>().join("\n"),
-        ),
-    ]
-    .into();
-    for (index, group) in merging.groups.iter().enumerate() {
-        let labels = group.map.agent_labels();
-        let root = labels.values().next().map_or("", |label| label);
-        let of_group = |stem: &str, extension: &str| match index {
-            0 => format!("{stem}.{extension}"),
-            _ => format!("{stem}-{root}.{extension}"),
-        };
-        let path = results.file(of_group("map", "mcap"))?;
-        if group.members.len() == 1 {
-            map::save_map(path, &group.map)?;
-        } else {
-            map::save_map(path, &Map { merge_provenance: provenance.clone(), ..group.map.clone() })?;
-        }
-        map::save_ply(results.file(of_group("cloud", "ply"))?, &group.map, DEFAULT_MAX_RELATIVE_VARIANCE)?;
-        for (agent, label) in &labels {
-            let path = results.file(format!("trajectory-{label}.txt"))?;
-            map::save_tum(path, &group.map.trajectory_of(*agent))?;
-        }
-    }
+    manifest.map_or(Ok(()), |manifest| manifest.write(results))?;
+    let names = Names::of_agents((0..).map(AgentId).zip(inputs.iter().map(|input| &input.map)));
+    let name = |input: &usize| u16::try_from(*input).map_or("", |input| names.of(AgentId(input)));
+    let groups = merging.groups.iter();
+    let groups: Vec<GroupMap> = groups
+        .map(|group| GroupMap { map: &group.map, names: group.members.iter().map(name).collect() })
+        .collect();
+    write_groups(results, &groups, &provenance_of(inputs))?;
     let page = results.file(REPORT)?;
     let path = results.file(MERGE)?;
     record.files = results.names();

@@ -162,29 +162,19 @@ impl Described {
             .filter(lacks)
             .filter_map(|(id, keyframe)| Some((*id, look_up(keyframe, vocabulary)?)))
             .collect();
-        for (id, LookedUp { words, features }) in looked_up {
-            match features {
-                Ok(features) => self.features.insert(id, features),
-                Err(stored) => self.features.insert_stored(id, stored),
-            }
+        for (id, (words, stored)) in looked_up {
+            self.features.insert_stored(id, stored);
             self.words.insert(id, words);
         }
     }
 }
 
-/// A keyframe's features with their words.
-struct LookedUp {
-    words: FeatureWords,
-    /// As they are stored, where nobody had to read them.
-    features: Result<Features, Arc<[u8]>>,
-}
-
-/// The words of the features that are kept with a keyframe, kept with them or looked up now; nothing where there are no
-/// features, or none that can be read, which are forgotten.
-fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<LookedUp> {
+/// The words of the features that are kept with a keyframe, kept with them or looked up now, and the features; nothing where
+/// there are none, or none that can be read, which are forgotten.
+fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<(FeatureWords, Arc<[u8]>)> {
     let kept = keyframe.words.as_deref().and_then(|words| FeatureWords::from_bytes(words, vocabulary));
-    if let Some((words, stored)) = kept.zip(keyframe.features.clone()) {
-        return Some(LookedUp { words, features: Err(stored) });
+    if let Some(found) = kept.zip(keyframe.features.clone()) {
+        return Some(found);
     }
     let Some(features) = decoded(keyframe) else {
         (keyframe.features, keyframe.words) = (None, None);
@@ -192,7 +182,7 @@ fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<LookedUp>
     };
     let words = FeatureWords::of(&features, vocabulary);
     keyframe.words = Some(words.to_bytes(vocabulary).into());
-    Some(LookedUp { words, features: Ok(features) })
+    Some((words, keyframe.features.clone()?))
 }
 
 /// Whether a map can be merged with cameras' maps.

@@ -2,7 +2,7 @@
 
 use super::batches::{Groups, Known, Share, Waiting, next};
 use super::incremental::{Seen, grown};
-use super::places::{Places, places};
+use super::places::{Appearances, Places, places};
 use super::{Input, MergingParams, PairResult, Seconds};
 use anyhow::{Context, Result};
 use map::Map;
@@ -14,8 +14,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Keyframes of a map that stay ready for the next pair, at the most: of 640 × 480 pixels each takes some 4 MB.
-const READY: usize = 24;
+/// Bytes of the keyframes that stay ready for the next pair, of all maps: of 640 × 480 pixels each takes some 4 MB.
+const READY: usize = 384 << 20;
 /// Keyframes that are looked for in others' maps in one batch, each of them once for every map: at 15 µs a third of a second.
 const QUERIES: usize = 20_000;
 
@@ -95,7 +95,7 @@ pub(crate) fn look(
         .collect();
     let Batch { known, wanted, mut groups, places: mut shared, share, keep, is_awaited } = go;
     let (mut pair_results, mut may_grow) = (BTreeMap::new(), BTreeSet::new());
-    let mut waiting = Vec::new();
+    let (mut waiting, mut ready) = (Vec::new(), Ready { most: READY, bytes: BTreeMap::new() });
     for pair in pairs(inputs.len()) {
         let known = known(pair);
         let is_due = known.as_ref().is_none_or(|known| known.is_due);
@@ -152,11 +152,8 @@ pub(crate) fn look(
             pair_result
         });
         keep(&pair_result)?;
-        // What every pair leaves behind would be as much as all images.
-        for map in pair {
-            prepared[map].forget_beyond(READY);
-            inputs[map].map.rest();
-        }
+        ready.keep(pair, &mut prepared);
+        pair.iter().for_each(|&map| inputs[map].map.rest());
         let is_joined = pair_result.joined.is_some();
         let before = pair_results.insert(pair, pair_result);
         if share.is_some() {
@@ -173,6 +170,27 @@ pub(crate) fn look(
     pair_results.sort_by_key(|([earlier, later], _)| [*later, *earlier]);
     let pair_results = pair_results.into_iter().map(|(_, pair_result)| pair_result).collect();
     Ok(Looked { pair_results, now, left, may_join, has_changed, places: shared })
+}
+
+/// What maps take whose keyframes stay ready, bytes.
+struct Ready {
+    /// At the most, of all together.
+    most: usize,
+    bytes: BTreeMap<usize, usize>,
+}
+
+impl Ready {
+    /// Keeps the keyframes of a pair ready that was looked at, the earlier map first, as far as there is room. The later one meets
+    /// others next, and those come in the order in which they came before: what is ready is asked for before what was just used.
+    fn keep(&mut self, pair: [usize; 2], prepared: &mut [PreparedMap]) {
+        pair.iter().for_each(|&map| _ = self.bytes.insert(map, prepared[map].bytes()));
+        for map in pair {
+            if self.bytes.values().sum::<usize>() > self.most {
+                prepared[map].forget();
+                self.bytes.remove(&map);
+            }
+        }
+    }
 }
 
 /// By target and source, whichever of two inputs is which, where their places are known.
@@ -211,7 +229,10 @@ fn find_places(
         })
         .map(|one| one.pair)
         .collect();
-    shared.extend(places(inputs, vocabulary, params, &|pair| wanted.contains(&pair)));
+    if !wanted.is_empty() {
+        let maps: Vec<_> = inputs.iter().map(|input| Appearances::of(input, &params.places)).collect();
+        shared.extend(places(&maps, vocabulary, params, &|pair| wanted.contains(&pair)));
+    }
 }
 
 /// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
@@ -269,4 +290,49 @@ fn joined(
     let placement = baseline.place(source, target, &evaluated.closure, &params.baseline);
     let context = || format!("they met, but the method {} does not join them", params.method);
     Ok(Some(placement.with_context(context)?.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use features::{Features, Keypoint, codec};
+    use geometry::{GrayImage, Pinhole, Sim3};
+    use map::{Keyframe, KeyframeId, SemiDense};
+    use merge::key_points::KeyPointParams;
+    use place_recog::KeyframeFeatures;
+
+    #[test]
+    fn keyframes_stay_ready_within_bounds_and_those_of_a_pair_go_first() {
+        let camera = Pinhole { width: 40, height: 30, fx: 30.0, fy: 30.0, cx: 19.5, cy: 14.5 };
+        let mut map = Map::new(camera);
+        let image = Arc::new(GrayImage::filled(40, 30, 0));
+        let mut keyframe = Keyframe::of_image(KeyframeId(0), 0.0, 0, Sim3::identity(), image);
+        let (pixel, inverse_depth, variance) = (vec![7].into(), vec![0.5].into(), vec![0.1].into());
+        keyframe.semi_dense = SemiDense { pixel, inverse_depth, variance }.into();
+        map.keyframes.insert(keyframe.id, keyframe);
+        let keypoint = Keypoint { pixel: [3.0; 2], size: 4.0, angle: 0.0 };
+        let found = Features { keypoints: vec![keypoint; 10], descriptors: vec![[9; 128]; 10] };
+        let of_map = || {
+            let mut features = KeyframeFeatures::default();
+            features.insert_stored(KeyframeId(0), codec::encode(&found).into());
+            features
+        };
+        let (features, params) = ([of_map(), of_map(), of_map()], KeyPointParams::default());
+        let mut prepared: Vec<PreparedMap> =
+            features.iter().map(|features| PreparedMap::new(&map, features, &params)).collect();
+        let mut ready = Ready { most: 4000, bytes: BTreeMap::new() };
+        let mut held = |pair: [usize; 2]| {
+            for map in pair {
+                let keyframe = prepared[map].get(KeyframeId(0)).unwrap();
+                assert_eq!((keyframe.features.len(), keyframe.bearings().len()), (10, 10));
+            }
+            ready.keep(pair, &mut prepared);
+            [0, 1, 2].map(|map| prepared[map].bytes())
+        };
+        // 10 × (144 bytes of the feature, 24 of its direction) each.
+        assert_eq!(held([0, 1]), [1680, 1680, 0]);
+        assert_eq!(held([0, 2]), [0, 1680, 1680]);
+        assert_eq!(held([1, 2]), [0, 1680, 1680]);
+        assert_eq!(held([0, 1]), [0, 1680, 1680]);
+    }
 }

@@ -1,12 +1,12 @@
 //! A common map as a manifest: the maps that it is made of, unchanged, and how they lie to each other. `map.mcap`, clouds and reports
 //! are made of it when they are asked for; it grows by maps that are new, and leaving maps out undoes their merges.
 
-use super::{Input, Merging};
+use super::{Merging, refuse_one};
 use crate::open::OpenedMap;
-use crate::results::{MANIFEST, Results};
+use crate::results::{MANIFEST, Owner, Results, keep_from};
 use crate::verdicts::MapDigest;
 use anyhow::{Context, Result, bail, ensure};
-use merge::common_map::{Arrangement, Fused, Numbers, Placed};
+use merge::common_map::{Addresses, Arrangement, Fused, Numbers, Placed};
 use place_recog::Vocabulary;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -16,6 +16,8 @@ use std::path::{Component, Path, PathBuf};
 
 /// Goes up when older programs would misread it.
 const FORMAT: u32 = 1;
+/// Where verdicts are kept beside a manifest alone.
+const VERDICTS: &str = "verdicts";
 
 /// A common map, or several of maps that do not hang together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -45,18 +47,6 @@ pub struct ManifestMap {
     pub sha256: MapDigest,
 }
 
-/// What a manifest is made of besides a merge.
-#[derive(Clone, Copy)]
-pub(super) struct Source<'a> {
-    pub inputs: &'a [Input],
-    /// Those of the inputs' files.
-    pub digests: &'a [MapDigest],
-    /// Where verdicts are kept.
-    pub verdicts: Option<&'a Path>,
-    /// Where the manifest will lie.
-    pub folder: &'a Path,
-}
-
 /// The first line of a manifest.
 #[derive(Deserialize)]
 struct Head {
@@ -70,25 +60,20 @@ pub fn is_manifest(path: &Path) -> bool {
 }
 
 impl Manifest {
-    /// That of a merge whose maps have this provenance.
-    pub(super) fn of(source: &Source, merging: &Merging, provenance: &[(String, String)]) -> Self {
-        let Source { inputs, digests, verdicts, folder } = *source;
-        let map = |(input, sha256): (&Input, &MapDigest)| ManifestMap {
-            name: input.name.clone(),
-            path: relative(&input.path, folder),
-            sha256: sha256.clone(),
-        };
-        let group = |fused: &Fused| {
-            let several = fused.agents.len() > 1;
-            let provenance = provenance.iter().filter(|_| several).cloned().collect();
-            Arrangement::of(&fused.map, placed(fused, merging), provenance)
-        };
+    /// That of groups of these maps, which will lie in `folder`; `verdicts` on their pairs are kept there.
+    pub(crate) fn new(
+        maps: Vec<ManifestMap>,
+        verdicts: Option<&Path>,
+        groups: Vec<Arrangement>,
+        folder: &Path,
+    ) -> Self {
+        let map = |map: ManifestMap| ManifestMap { path: relative(&map.path, folder), ..map };
         Self {
             loopbox_manifest: FORMAT,
             version: env!("CARGO_PKG_VERSION").into(),
-            maps: inputs.iter().zip(digests).map(map).collect(),
+            maps: maps.into_iter().map(map).collect(),
             verdicts: verdicts.map(|verdicts| relative(verdicts, folder)),
-            groups: merging.fused.iter().map(group).collect(),
+            groups,
         }
     }
 
@@ -116,7 +101,7 @@ impl Manifest {
     }
 
     /// Writes it among results.
-    pub(super) fn write(&self, output: &mut Results) -> Result<()> {
+    pub(crate) fn write(&self, output: &mut Results) -> Result<()> {
         let path = output.file(MANIFEST)?;
         let text = serde_json::to_vec_pretty(self).context("the manifest cannot be written as JSON")?;
         fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))
@@ -171,9 +156,25 @@ pub(crate) fn assembled(file: &Path, open: &dyn Fn(&Path) -> Result<OpenedMap>) 
     Ok(OpenedMap { file: file.to_owned(), map, warnings })
 }
 
+/// A merge as it begins: the maps that are to be merged, and the folder for its results.
+///
+/// # Errors
+/// As [`Given::at`], of one map alone, and when the folder cannot be written to, or holds results of something else and `force` is not
+/// given.
+pub(crate) fn begin(
+    paths: &[PathBuf],
+    without: &[String],
+    (folder, force): (&Path, bool),
+) -> Result<(Given, Results)> {
+    let given = Given::at(paths, without)?;
+    refuse_one(&given.maps)?;
+    keep_from(folder, &given.maps)?;
+    Ok((given, Results::create(folder, &Owner::Merge, force)?))
+}
+
 /// Maps as they were given to a merge, manifests among them taken apart.
 #[derive(Default)]
-pub(super) struct Given {
+pub(crate) struct Given {
     /// The maps, those of manifests once.
     pub maps: Vec<PathBuf>,
     /// The files of those that manifests name, which are as they were.
@@ -181,7 +182,7 @@ pub(super) struct Given {
     /// The groups of manifests with their agents' maps and numbers in these.
     groups: Vec<(Agents, Arrangement)>,
     /// Where a manifest says that verdicts on them are kept.
-    pub verdicts: Option<PathBuf>,
+    verdicts: Option<PathBuf>,
 }
 
 impl Given {
@@ -219,6 +220,12 @@ impl Given {
         }
     }
 
+    /// Where verdicts are kept: where it is `named`, else where a manifest says, else beside a manifest that is written `alone` to a folder.
+    pub fn verdicts_at(&self, named: Option<&Path>, alone: Option<&Path>) -> Option<PathBuf> {
+        let beside = || alone.map(|folder| folder.join(VERDICTS));
+        named.map(Path::to_owned).or_else(|| self.verdicts.clone()).or_else(beside)
+    }
+
     /// Puts the keyframes of groups that a manifest has where it has them: the same agents with the same closures, of the same
     /// program with the same parameters. Says which these are.
     pub fn restore(
@@ -227,7 +234,8 @@ impl Given {
         digests: &[MapDigest],
         provenance: &[(String, String)],
     ) -> BTreeSet<usize> {
-        let placed: Vec<Vec<Placed>> = merging.fused.iter().map(|fused| placed(fused, merging)).collect();
+        let placed: Vec<Vec<Placed>> =
+            merging.fused.iter().map(|fused| placed(fused, &merging.addresses)).collect();
         let provenance: BTreeMap<String, String> = provenance.iter().cloned().collect();
         let is_settled = |(number, (fused, placed)): (usize, (&mut Fused, Vec<Placed>))| {
             let fresh = Arrangement::of(&fused.map, placed, provenance.clone());
@@ -242,15 +250,16 @@ impl Given {
         merging.fused.iter_mut().zip(placed).enumerate().filter_map(is_settled).collect()
     }
 
-    /// The files of inputs, of which only those that no manifest names are read.
+    /// The files of maps, of which only those that no manifest names are read.
     ///
     /// # Errors
     /// When one cannot be read.
-    pub fn digests(&self, inputs: &[Input]) -> Result<Vec<MapDigest>> {
-        let digest = |input: &Input| {
-            self.known.get(&input.path).map_or_else(|| MapDigest::of(&input.path), |known| Ok(known.clone()))
+    pub fn digests<P: AsRef<Path> + Sync>(&self, paths: &[P]) -> Result<Vec<MapDigest>> {
+        let digest = |path: &P| {
+            let known = self.known.get(path.as_ref());
+            known.map_or_else(|| MapDigest::of(path.as_ref()), |known| Ok(known.clone()))
         };
-        inputs.par_iter().map(digest).collect()
+        paths.par_iter().map(digest).collect()
     }
 }
 
@@ -266,6 +275,15 @@ fn manifest_at(path: &Path) -> Option<PathBuf> {
     is_manifest(&file).then_some(file)
 }
 
+/// What agents are called by whose files have these digests, by the number of each's file and its own in that.
+pub(crate) fn agent_digests(agents: &[(usize, usize)], files: &[MapDigest]) -> Vec<MapDigest> {
+    let is_alone = |file: usize| agents.iter().filter(|(other, _)| *other == file).count() == 1;
+    let digest = |&(file, agent): &(usize, usize)| {
+        if is_alone(file) { files[file].clone() } else { files[file].of_agent(agent) }
+    };
+    agents.iter().map(digest).collect()
+}
+
 /// Agents by their maps' files and their numbers in these.
 type Agents = Vec<(Option<MapDigest>, usize)>;
 
@@ -274,13 +292,27 @@ fn agents_of(group: &Arrangement, digests: &[MapDigest]) -> Agents {
     group.agents.iter().map(|agent| (digests.get(agent.map).cloned(), agent.agent)).collect()
 }
 
+/// How the agents of common maps lie, whose maps have these addresses.
+pub(super) fn arrangements(
+    fused: &[Fused],
+    addresses: &[Addresses],
+    provenance: &[(String, String)],
+) -> Vec<Arrangement> {
+    let group = |fused: &Fused| {
+        let several = fused.agents.len() > 1;
+        let provenance = provenance.iter().filter(|_| several).cloned().collect();
+        Arrangement::of(&fused.map, placed(fused, addresses), provenance)
+    };
+    fused.iter().map(group).collect()
+}
+
 /// Which maps and agents of them a group holds, and where they lie.
-fn placed(fused: &Fused, merging: &Merging) -> Vec<Placed> {
+fn placed(fused: &Fused, addresses: &[Addresses]) -> Vec<Placed> {
     let place = |agent: &map::AgentId| {
-        let of_map = |(map, addresses): (usize, &merge::common_map::Addresses)| {
+        let of_map = |(map, addresses): (usize, &Addresses)| {
             addresses.agents().position(|own| own == *agent).map(|agent| (map, agent))
         };
-        let (map, number) = merging.addresses.iter().enumerate().find_map(of_map)?;
+        let (map, number) = addresses.iter().enumerate().find_map(of_map)?;
         let root_from_agent = Numbers::of(&fused.component.agents.get(agent)?.root_from_agent);
         Some(Placed { map, agent: number, root_from_agent })
     };

@@ -6,21 +6,25 @@
 
 mod report;
 
-use super::options::{MergeWatcher, refuse_one};
+use super::input::describe;
+use super::manifest::{Given, ManifestMap, agent_digests, arrangements, begin};
+use super::options::MergeWatcher;
 use super::output::write_maps;
-use super::{Input, MergingParams, Names, keep_from, merge};
+use super::{Input, Manifest, MergingParams, Names, merge_knowing, name_of};
 use crate::lidar::merging as lidar;
 use crate::open::open_map;
-use crate::results::{Owner, Results};
+use crate::results::Results;
+use crate::verdicts::{CameraVerdicts, LidarVerdicts, MapDigest};
 use anyhow::{Context, Result, anyhow};
 use geometry::Sim3;
 use map::{AgentId, Map, SensorKind};
-use merge::common_map::{Address, CommonMap, Fused, Link};
+use merge::common_map::{Address, Addresses, CommonMap, Fused, Link, TakenBack};
 use merge::estimate::Estimate;
 use nalgebra::{SMatrix, SVector};
 use place_recog::Vocabulary;
 use serde::Serialize;
 use sources::Stop;
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -39,6 +43,7 @@ pub struct MixedMerged {
     pub record: MixedRecord,
     /// What else there is to know, for people.
     pub warnings: Vec<String>,
+    any_joined: bool,
 }
 
 /// The numbers of such a merge: what `merge.json` holds.
@@ -92,7 +97,7 @@ pub struct MixedPairResult {
 impl MixedMerged {
     /// Whether any two agents met that were not in one map before. Only then results were written.
     pub fn any_joined(&self) -> bool {
-        !self.record.files.is_empty()
+        self.any_joined
     }
 
     /// What was decided of every two agents of one kind, for people.
@@ -116,10 +121,18 @@ pub struct MixedOptions {
     pub lidars: lidar::LidarMergeParams,
     /// All parameters of cameras' merges; its `fusion` is that of the common map of both. Nothing is optimised jointly.
     pub cameras: MergingParams,
+    /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket.
+    pub verdicts: Option<PathBuf>,
+    /// Maps of manifests among the given that are left out, by their names.
+    pub without: Vec<String>,
+    /// Whether maps, clouds, trajectories and the report are written besides the manifest. Where they are not, verdicts are kept beside it
+    /// unless something else is said.
+    pub map: bool,
 }
 
 /// Merges the maps at `paths`, of which at least one has agents of both kinds, and writes the common map: maps, clouds and
-/// trajectories as of any merge, `report.html` and `merge.json`. Where no two agents met, nothing is written.
+/// trajectories as of any merge, `manifest.json`, `report.html` and `merge.json`. A manifest stands for all of its maps, and verdicts that
+/// are kept are not found again. Where no two agents met, nothing is written.
 ///
 /// # Errors
 /// When a map cannot be read, the common map cannot be made, results cannot be written, or `stop` was wished.
@@ -129,151 +142,213 @@ pub fn merge_mixed(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<MixedMerged> {
-    refuse_one(paths)?;
-    keep_from(&options.out, paths)?;
-    let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
+    let MixedOptions { out, cameras, map, .. } = options;
+    let (given, mut output) = begin(paths, &options.without, (out, options.force))?;
     let mut stage = |text: &str| {
         watcher.stage(text);
         if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
     };
     stage("reading the maps")?;
-    let (mut maps, mut warnings) = (Vec::new(), Vec::new());
-    for path in paths {
-        let opened = open_map(path)?;
-        warnings.extend(opened.warnings);
-        maps.push(opened.map);
-    }
-    // The common world is that of the first: metres, where one knows them.
-    maps.sort_by_key(|map| !map.is_metric());
-    let (mut common, _) =
+    let mut warnings = Vec::new();
+    let (lines, maps) = read(&given, &mut warnings)?;
+    let (mut common, addresses) =
         CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).context("the maps cannot be merged")?;
     let names = Names::new(&common);
     let before = common.merged();
-    let (scanned, mut pair_results) = meetings_of_lidars(&common, &names, &options.lidars, &mut stage)?;
-    let (seen, of_cameras) =
-        meetings_of_cameras(&common, &names, &options.cameras, &mut stage, &mut warnings)?;
+    let place = given.verdicts_at(options.verdicts.as_deref(), (!map).then_some(out.as_path()));
+    let (digests, verdicts) = (digests(&lines, &addresses), place.as_deref());
+    let agents = Agents { common: &common, names: &names, digests, verdicts };
+    let (scanned, mut pair_results) = agents.meetings_of_lidars(&options.lidars, &mut stage)?;
+    let (seen, of_cameras) = agents.meetings_of_cameras(cameras, &mut stage, &mut warnings)?;
     pair_results.extend(of_cameras);
     scanned.into_iter().chain(seen).for_each(|link| _ = common.link(link));
     stage("making the common map")?;
     let (fused, taken_back) =
-        common.fuse_consistently(&options.cameras.fusion).context("the common map cannot be made")?;
-    let name = |agent: AgentId| names.of(agent).to_owned();
+        common.fuse_consistently(&cameras.fusion).context("the common map cannot be made")?;
     let mut record = MixedRecord {
-        version: env!("CARGO_PKG_VERSION"),
-        commit: crate::program::commit(),
-        inputs: paths.iter().map(|path| path.display().to_string()).collect(),
-        agents: common.agents().iter().filter_map(|(id, own)| agent(name(*id), own)).collect(),
+        inputs: lines.iter().map(|line| line.path.display().to_string()).collect(),
         pair_results,
-        groups: fused.iter().map(|fused| fused.agents.iter().map(|agent| name(*agent)).collect()).collect(),
-        taken_back: taken_back
-            .iter()
-            .map(|taken| format!("{} + {}: {}", name(taken.agents.0), name(taken.agents.1), taken.why))
-            .collect(),
-        params: MergingParams { joint: false, ..options.cameras.clone() },
-        files: Vec::new(),
+        params: MergingParams { joint: false, ..cameras.clone() },
+        ..record(&common, &names, &fused, &taken_back)
     };
-    if common.merged().difference(&before).next().is_some() {
+    let any_joined = common.merged().difference(&before).next().is_some();
+    if any_joined {
         stage("writing the results")?;
-        write(&mut output, &fused, &names, &mut record)?;
+        let provenance = provenance(&record);
+        let groups = arrangements(&fused, &addresses, &provenance);
+        Manifest::new(lines, place.as_deref(), groups, out).write(&mut output)?;
+        if *map {
+            write_maps(&mut output, &fused, &names, &provenance)?;
+            write(&mut output, &fused, &mut record)?;
+        }
         stage("putting the results in place")?;
         output.commit()?;
     }
-    Ok(MixedMerged { fused, record, warnings })
+    Ok(MixedMerged { fused, record, warnings, any_joined })
 }
 
-fn agent(name: String, own: &Map) -> Option<MixedAgent> {
-    Some(MixedAgent { name, sensor: own.sensor()?, keyframes: own.keyframes.len() })
-}
-
-/// The own maps of the agents of a kind.
-fn of_kind(common: &CommonMap, kind: SensorKind) -> impl Iterator<Item = (AgentId, &Map)> {
-    common.agents().iter().filter(move |(_, own)| own.sensor() == Some(kind)).map(|(id, own)| (*id, own))
-}
-
-/// What LiDARs make of each other.
-fn meetings_of_lidars(
-    common: &CommonMap,
-    names: &Names,
-    params: &lidar::LidarMergeParams,
-    stage: &mut dyn FnMut(&str) -> Result<()>,
-) -> Result<(Vec<Link>, Vec<MixedPairResult>)> {
-    let (mut agents, mut inputs) = (Vec::new(), Vec::new());
-    for (id, own) in of_kind(common, SensorKind::Lidar) {
-        agents.push(id);
-        inputs.push(lidar::Input::of(PathBuf::from(names.of(id)), own.clone())?);
-    }
-    if inputs.len() < 2 {
-        return Ok(Default::default());
-    }
-    let merging = lidar::merge(&inputs, params, stage)?;
-    let link = |pair: &lidar::Pair| {
-        let map_link = lidar::map_link(&inputs, pair)?;
-        let address = |input: usize, keyframe| Address { agent: agents[input], keyframe };
-        let (metres, radians) = map_link.deviation;
-        let [t, r, s] = [metres, radians, SCALE_DEVIATION].map(|deviation| deviation.powi(-2));
-        let information = SMatrix::from_diagonal(&SVector::<f64, 7>::from([t, t, t, r, r, r, s]));
-        let a_from_b = Sim3::from(map_link.from_from_to);
-        let (from, to) = (address(pair.a, map_link.from), address(pair.b, map_link.to));
-        Some(Link { from, to, from_from_to: Estimate { a_from_b, information } })
-    };
-    let links = merging.pairs.iter().filter(|pair| pair.is_kept()).filter_map(link).collect();
-    let pair_result = |pair: &lidar::Pair| MixedPairResult {
-        agents: [pair.a, pair.b].map(|input| names.of(agents[input]).to_owned()),
-        sensor: SensorKind::Lidar,
-        decision: lidar::decision(pair),
-        reason: pair.reason(),
-    };
-    Ok((links, merging.pairs.iter().map(pair_result).collect()))
-}
-
-/// What cameras make of each other.
-fn meetings_of_cameras(
-    common: &CommonMap,
-    names: &Names,
-    params: &MergingParams,
-    stage: &mut dyn FnMut(&str) -> Result<()>,
-    warnings: &mut Vec<String>,
-) -> Result<(Vec<Link>, Vec<MixedPairResult>)> {
-    if of_kind(common, SensorKind::Camera).count() < 2 {
-        return Ok(Default::default());
-    }
+/// Reads the maps with their lines in a manifest, those in metres first: the common world is that of the first. They keep features and words,
+/// as common maps of cameras do.
+fn read(given: &Given, warnings: &mut Vec<String>) -> Result<(Vec<ManifestMap>, Vec<Map>)> {
     let vocabulary = Vocabulary::shipped();
-    let (mut agents, mut inputs) = (Vec::new(), Vec::new());
-    for (id, own) in of_kind(common, SensorKind::Camera) {
-        match Input::of(own.clone(), Path::new(names.of(id)), &vocabulary) {
-            Ok(input) => {
-                agents.push(id);
-                inputs.push(input);
-            }
-            Err(refused) => warnings.push(format!("{:#}", refused.why)),
-        }
+    let mut read = Vec::new();
+    for (path, sha256) in given.maps.iter().zip(given.digests(&given.maps)?) {
+        let mut opened = open_map(path)?;
+        describe(&mut opened.map, &vocabulary);
+        warnings.extend(opened.warnings);
+        let line = ManifestMap { name: name_of(&opened.map), path: path.clone(), sha256 };
+        read.push((line, opened.map));
     }
-    let merging = merge(&inputs, &vocabulary, params, stage)?;
-    // There every input is one agent, whose keyframes are called as they are here.
-    let owners: Vec<Option<AgentId>> = merging.addresses.iter().map(|of| of.agents().next()).collect();
-    let here = |address: Address| {
-        let input = owners.iter().position(|owner| *owner == Some(address.agent))?;
-        Some(Address { agent: agents[input], ..address })
-    };
-    let links = merging.common.links().iter();
-    let links = links.filter_map(|link| Some(Link { from: here(link.from)?, to: here(link.to)?, ..*link }));
-    let pair_result = |met: &super::PairResult| MixedPairResult {
-        agents: met.as_given().map(|input| names.of(agents[input]).to_owned()),
-        sensor: SensorKind::Camera,
-        decision: met.verdict(),
-        reason: met.refusal().unwrap_or_else(|| {
-            format!("{} closures join them", met.joined.as_ref().map_or(0, |joined| joined.edges.len()))
-        }),
-    };
-    Ok((links.collect(), merging.pair_results.iter().map(pair_result).collect()))
+    read.sort_by_key(|(_, map)| !map.is_metric());
+    Ok(read.into_iter().unzip())
 }
 
-fn write(output: &mut Results, fused: &[Fused], names: &Names, record: &mut MixedRecord) -> Result<()> {
-    let provenance = [
-        ("program".to_owned(), concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned()),
-        ("maps".to_owned(), record.inputs.join("\n")),
-    ];
-    write_maps(output, fused, names, &provenance)?;
+/// What the agents of maps are called in verdicts.
+fn digests(lines: &[ManifestMap], addresses: &[Addresses]) -> BTreeMap<AgentId, MapDigest> {
+    let of_map = |(map, addresses): (usize, &Addresses)| {
+        addresses.agents().enumerate().map(move |(number, agent)| (agent, (map, number))).collect::<Vec<_>>()
+    };
+    let (agents, places): (Vec<AgentId>, Vec<(usize, usize)>) =
+        addresses.iter().enumerate().flat_map(of_map).unzip();
+    let files: Vec<MapDigest> = lines.iter().map(|line| line.sha256.clone()).collect();
+    agents.into_iter().zip(agent_digests(&places, &files)).collect()
+}
+
+/// The numbers of a common map.
+fn record(common: &CommonMap, names: &Names, fused: &[Fused], taken_back: &[TakenBack]) -> MixedRecord {
+    let name = |agent: &AgentId| names.of(*agent).to_owned();
+    let agent = |(id, own): (&AgentId, &Map)| {
+        Some(MixedAgent { name: name(id), sensor: own.sensor()?, keyframes: own.keyframes.len() })
+    };
+    let taken_back = taken_back
+        .iter()
+        .map(|TakenBack { agents: (a, b), why }| format!("{} + {}: {why}", name(a), name(b)));
+    MixedRecord {
+        version: env!("CARGO_PKG_VERSION"),
+        commit: crate::program::commit(),
+        inputs: Vec::new(),
+        agents: common.agents().iter().filter_map(agent).collect(),
+        pair_results: Vec::new(),
+        groups: fused.iter().map(|fused| fused.agents.iter().map(name).collect()).collect(),
+        taken_back: taken_back.collect(),
+        params: MergingParams::default(),
+        files: Vec::new(),
+    }
+}
+
+/// How the maps of several agents came to be.
+fn provenance(record: &MixedRecord) -> [(String, String); 2] {
+    let program = concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned();
+    [("program".to_owned(), program), ("maps".to_owned(), record.inputs.join("\n"))]
+}
+
+/// The agents of all maps, before they meet.
+struct Agents<'a> {
+    common: &'a CommonMap,
+    names: &'a Names,
+    /// What each is called in verdicts.
+    digests: BTreeMap<AgentId, MapDigest>,
+    /// Where these are kept.
+    verdicts: Option<&'a Path>,
+}
+
+impl<'a> Agents<'a> {
+    /// The own maps of the agents of a kind.
+    fn of_kind(&self, kind: SensorKind) -> impl Iterator<Item = (AgentId, &'a Map)> {
+        let agents = self.common.agents().iter().map(|(id, own)| (*id, own));
+        agents.filter(move |(_, own)| own.sensor() == Some(kind))
+    }
+
+    /// What some of them are called in verdicts.
+    fn digests(&self, agents: &[AgentId]) -> Vec<MapDigest> {
+        agents.iter().filter_map(|agent| self.digests.get(agent).cloned()).collect()
+    }
+
+    /// What LiDARs make of each other.
+    fn meetings_of_lidars(
+        &self,
+        params: &lidar::LidarMergeParams,
+        stage: &mut dyn FnMut(&str) -> Result<()>,
+    ) -> Result<(Vec<Link>, Vec<MixedPairResult>)> {
+        let names = self.names;
+        let (mut agents, mut inputs) = (Vec::new(), Vec::new());
+        for (id, own) in self.of_kind(SensorKind::Lidar) {
+            agents.push(id);
+            inputs.push(lidar::Input::of(PathBuf::from(names.of(id)), own.clone())?);
+        }
+        if inputs.len() < 2 {
+            return Ok(Default::default());
+        }
+        let kept = |place| LidarVerdicts::at(place, self.digests(&agents), params);
+        let verdicts = self.verdicts.map(kept).transpose()?;
+        let merging = lidar::merge_knowing(&inputs, params, (&[], verdicts.as_ref()), stage)?;
+        let link = |pair: &lidar::Pair| {
+            let map_link = lidar::map_link(&inputs, pair)?;
+            let address = |input: usize, keyframe| Address { agent: agents[input], keyframe };
+            let (metres, radians) = map_link.deviation;
+            let [t, r, s] = [metres, radians, SCALE_DEVIATION].map(|deviation| deviation.powi(-2));
+            let information = SMatrix::from_diagonal(&SVector::<f64, 7>::from([t, t, t, r, r, r, s]));
+            let a_from_b = Sim3::from(map_link.from_from_to);
+            let (from, to) = (address(pair.a, map_link.from), address(pair.b, map_link.to));
+            Some(Link { from, to, from_from_to: Estimate { a_from_b, information } })
+        };
+        let links = merging.pairs.iter().filter(|pair| pair.is_kept()).filter_map(link).collect();
+        let pair_result = |pair: &lidar::Pair| MixedPairResult {
+            agents: [pair.a, pair.b].map(|input| names.of(agents[input]).to_owned()),
+            sensor: SensorKind::Lidar,
+            decision: lidar::decision(pair),
+            reason: pair.reason(),
+        };
+        Ok((links, merging.pairs.iter().map(pair_result).collect()))
+    }
+
+    /// What cameras make of each other.
+    fn meetings_of_cameras(
+        &self,
+        params: &MergingParams,
+        stage: &mut dyn FnMut(&str) -> Result<()>,
+        warnings: &mut Vec<String>,
+    ) -> Result<(Vec<Link>, Vec<MixedPairResult>)> {
+        let names = self.names;
+        if self.of_kind(SensorKind::Camera).count() < 2 {
+            return Ok(Default::default());
+        }
+        let vocabulary = Vocabulary::shipped();
+        let (mut agents, mut inputs) = (Vec::new(), Vec::new());
+        for (id, own) in self.of_kind(SensorKind::Camera) {
+            match Input::of(own.clone(), Path::new(names.of(id)), &vocabulary) {
+                Ok(input) => {
+                    agents.push(id);
+                    inputs.push(input);
+                }
+                Err(refused) => warnings.push(format!("{:#}", refused.why)),
+            }
+        }
+        let kept = |place| CameraVerdicts::at(place, self.digests(&agents), params);
+        let verdicts = self.verdicts.map(kept).transpose()?;
+        let merging = merge_knowing(&inputs, &vocabulary, params, (&[], verdicts.as_ref()), stage)?;
+        // There every input is one agent, whose keyframes are called as they are here.
+        let owners: Vec<Option<AgentId>> = merging.addresses.iter().map(|of| of.agents().next()).collect();
+        let here = |address: Address| {
+            let input = owners.iter().position(|owner| *owner == Some(address.agent))?;
+            Some(Address { agent: agents[input], ..address })
+        };
+        let links = merging.common.links().iter();
+        let links =
+            links.filter_map(|link| Some(Link { from: here(link.from)?, to: here(link.to)?, ..*link }));
+        let pair_result = |met: &super::PairResult| MixedPairResult {
+            agents: met.as_given().map(|input| names.of(agents[input]).to_owned()),
+            sensor: SensorKind::Camera,
+            decision: met.verdict(),
+            reason: met.refusal().unwrap_or_else(|| {
+                format!("{} closures join them", met.joined.as_ref().map_or(0, |joined| joined.edges.len()))
+            }),
+        };
+        Ok((links.collect(), merging.pair_results.iter().map(pair_result).collect()))
+    }
+}
+
+fn write(output: &mut Results, fused: &[Fused], record: &mut MixedRecord) -> Result<()> {
     let page = output.file(REPORT)?;
     let path = output.file(NUMBERS)?;
     record.files = output.names();

@@ -28,13 +28,15 @@ pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
 pub(crate) use looking::pairs;
 pub use manifest::{Manifest, ManifestMap, is_manifest};
-pub(crate) use manifest::{assembled, maps_of};
+pub(crate) use manifest::{agent_digests, assembled, begin, maps_of};
 pub use mixed::{MixedAgent, MixedMerged, MixedOptions, MixedPairResult, MixedRecord, merge_mixed};
 pub(crate) use names::untaken;
 pub use names::{Names, listed};
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
-pub(crate) use options::{load, refuse_one};
+pub(crate) use options::{load, load_appearances, refuse_one};
+pub(crate) use output::{GroupMap, write_groups};
 pub use output::{map_file, write_maps, write_results};
+pub(crate) use places::Appearances;
 pub use record::MergeRecord;
 pub(crate) use record::PairRecord;
 pub use rig::{RigInput, RigMerged, RigRecord, merge_rig};
@@ -324,14 +326,14 @@ pub(crate) fn pair_results(
     Ok(looking::look(inputs, vocabulary, params, go, progress)?.pair_results)
 }
 
-/// How much every two of the inputs look alike by their likeliest place, and how many places they may share; those that share
+/// How much every two of the maps look alike by their likeliest place, and how many places they may share; those that share
 /// none are left out.
 pub(crate) fn proposed(
-    inputs: &[Input],
+    maps: &[Appearances],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
 ) -> Vec<([usize; 2], f32, usize)> {
-    let found = places::places(inputs, vocabulary, params, &|_| true);
+    let found = places::places(maps, vocabulary, params, &|_| true);
     let pair = |(pair, places): ([usize; 2], places::Places)| {
         let best = places.proposals.first()?;
         Some((pair, best.score, places.proposals.len()))

@@ -11,7 +11,12 @@ pub struct Names(BTreeMap<AgentId, String>);
 impl Names {
     /// The agents' own names, those that occur twice numbered.
     pub fn new(common: &CommonMap) -> Self {
-        let infos = common.agents().iter().filter_map(|(id, own)| Some((*id, own.agents.values().next()?)));
+        Self::of_agents(common.agents().iter().map(|(id, own)| (*id, own)))
+    }
+
+    /// The same of agents by their own maps.
+    pub(crate) fn of_agents<'a>(own: impl Iterator<Item = (AgentId, &'a Map)>) -> Self {
+        let infos = own.filter_map(|(id, own)| Some((id, own.agents.values().next()?)));
         let agents: BTreeMap<AgentId, map::AgentInfo> =
             infos.map(|(id, info)| (id, map::AgentInfo::new(&info.name, info.sensor))).collect();
         // Only a map knows how to make labels of names, and this one holds nothing else.

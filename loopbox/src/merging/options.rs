@@ -1,24 +1,21 @@
 //! A merge as it is asked for, and its way from there to the results.
 
 use super::joint::optimised;
-use super::manifest::{Given, Source};
+use super::manifest::{ManifestMap, arrangements, begin};
+use super::places::Appearances;
 use super::{
-    Input, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, keep_from, listed,
-    merge_knowing, verdict, write_results,
+    Input, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, listed, merge_knowing,
+    verdict, write_results,
 };
-use crate::results::{Owner, Results};
 use crate::swapping::SwapFiles;
-use crate::verdicts::CameraVerdicts;
+use crate::verdicts::{CameraVerdicts, MapDigest};
 use anyhow::{Result, anyhow, bail};
-use place_recog::Vocabulary;
+use place_recog::{ProposeParams, Vocabulary};
 use rayon::prelude::*;
 use sources::Stop;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Where verdicts are kept beside a manifest alone.
-const VERDICTS: &str = "verdicts";
 
 /// How maps are to be merged.
 #[derive(Clone, Debug)]
@@ -114,14 +111,10 @@ pub fn merge_maps_watched(
     stop: &Stop,
     watcher: &dyn MergeWatcher,
 ) -> Result<Merged> {
-    let given = Given::at(paths, &options.without)?;
-    let paths = &given.maps;
-    refuse_one(paths)?;
+    let start = Instant::now();
+    let (given, mut output) = begin(paths, &options.without, (&options.out, options.force))?;
     // Other methods are compared as they are.
     options.params.joint &= options.params.method.baseline().is_none();
-    let start = Instant::now();
-    keep_from(&options.out, paths)?;
-    let mut output = Results::create(&options.out, &Owner::Merge, options.force)?;
     let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
     let mut stage = |text: &str| {
         watcher.stage(text);
@@ -129,11 +122,10 @@ pub fn merge_maps_watched(
     };
     let vocabulary = Vocabulary::shipped();
     let swap = SwapFiles::new(options.out.clone());
-    let inputs = load(paths, &vocabulary, &swap, watcher, &mut stage)?;
+    let inputs = load(&given.maps, &vocabulary, &swap, watcher, &mut stage)?;
     let params = &options.params;
-    let digests = given.digests(&inputs)?;
-    let beside = || (!options.map).then(|| options.out.join(VERDICTS));
-    let place = options.verdicts.clone().or(given.verdicts.clone()).or_else(beside);
+    let digests = given.digests(&inputs.iter().map(|input| &input.path).collect::<Vec<_>>())?;
+    let place = given.verdicts_at(options.verdicts.as_deref(), (!options.map).then_some(&*options.out));
     let verdicts =
         place.as_deref().map(|place| CameraVerdicts::at(place, digests.clone(), params)).transpose()?;
     let known = (&*options.confirm, verdicts.as_ref());
@@ -152,9 +144,8 @@ pub fn merge_maps_watched(
     let mut record = MergeRecord::new(&inputs, &merging, params, &names)?;
     if merging.any_joined() {
         stage("writing the results")?;
-        let about =
-            Source { inputs: &inputs, digests: &digests, verdicts: place.as_deref(), folder: &options.out };
-        let manifest = Manifest::of(&about, &merging, &provenance);
+        let groups = arrangements(&merging.fused, &merging.addresses, &provenance);
+        let manifest = Manifest::new(lines(&inputs, digests), place.as_deref(), groups, &options.out);
         match options.map {
             true => write_results(&mut output, &inputs, &merging, &names, Some(&manifest), &mut record)?,
             false => manifest.write(&mut output)?,
@@ -168,6 +159,15 @@ pub fn merge_maps_watched(
         }
     }
     Ok(Merged { inputs, merging, names, record, seconds: start.elapsed().as_secs_f64() })
+}
+
+/// The maps as a manifest names them, whose files have these digests.
+fn lines(inputs: &[Input], digests: Vec<MapDigest>) -> Vec<ManifestMap> {
+    let line = |(input, sha256): (&Input, MapDigest)| {
+        let (name, path) = (input.name.clone(), input.path.clone());
+        ManifestMap { name, path, sha256 }
+    };
+    inputs.iter().zip(digests).map(line).collect()
 }
 
 /// Refuses one map alone.
@@ -188,17 +188,64 @@ pub(crate) fn load(
     watcher: &dyn MergeWatcher,
     stage: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Vec<Input>> {
-    stage(&format!("reading {} maps, and finding the features that they lack", paths.len()))?;
-    let loaded: Vec<Result<Input>> =
-        paths.par_iter().map(|path| Input::load(path, vocabulary, swap)).collect();
     let mut inputs: Vec<Input> = Vec::new();
-    for input in loaded {
-        let mut input = input?;
-        input.warnings.iter().for_each(|warning| watcher.warn(warning));
+    let read = |path: &Path| {
+        let input = Input::load(path, vocabulary, swap)?;
+        Ok(Loaded { warnings: input.warnings.clone(), what: input })
+    };
+    for mut input in read_all(paths, &read, watcher, stage)? {
         input.name_apart_from(&inputs);
         inputs.push(input);
     }
     // The common world is that of the first: metres, where one knows them.
     inputs.sort_by_key(|input| !input.map.is_metric());
     Ok(inputs)
+}
+
+/// What proposing asks of the maps, in the order of [`load`] and each with its place among `paths`. No more maps are held at a time than
+/// there are cores.
+pub(crate) fn load_appearances(
+    paths: &[PathBuf],
+    vocabulary: &Arc<Vocabulary>,
+    params: &ProposeParams,
+    watcher: &dyn MergeWatcher,
+    stage: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Vec<(usize, Appearances)>> {
+    let folder = std::env::temp_dir();
+    let kept = SwapFiles::new(folder.clone());
+    let read = |path: &Path| {
+        // Files of its own, which end with the map.
+        let swap = SwapFiles::of_one_in(folder.clone(), rayon::current_num_threads());
+        let mut input = Input::load(path, vocabulary, &swap)?;
+        let (warnings, is_metric) = (std::mem::take(&mut input.warnings), input.map.is_metric());
+        Ok(Loaded { what: (is_metric, Appearances::of(&input, params).apart(&kept)), warnings })
+    };
+    let read = read_all(paths, &read, watcher, stage)?;
+    let mut all: Vec<(usize, (bool, Appearances))> = read.into_iter().enumerate().collect();
+    all.sort_by_key(|(_, (is_metric, _))| !is_metric);
+    Ok(all.into_iter().map(|(place, (_, appearances))| (place, appearances)).collect())
+}
+
+/// What is made of a map, with what is missing from it, for people.
+struct Loaded<T> {
+    what: T,
+    warnings: Vec<String>,
+}
+
+/// What is made of each map, several read at a time.
+fn read_all<T: Send>(
+    paths: &[PathBuf],
+    read: &(dyn Fn(&Path) -> Result<Loaded<T>> + Sync),
+    watcher: &dyn MergeWatcher,
+    stage: &mut dyn FnMut(&str) -> Result<()>,
+) -> Result<Vec<T>> {
+    stage(&format!("reading {} maps, and finding the features that they lack", paths.len()))?;
+    let loaded: Vec<Result<Loaded<T>>> = paths.par_iter().map(|path| read(path)).collect();
+    let mut all = Vec::new();
+    for loaded in loaded {
+        let Loaded { what, warnings } = loaded?;
+        warnings.iter().for_each(|warning| watcher.warn(warning));
+        all.push(what);
+    }
+    Ok(all)
 }

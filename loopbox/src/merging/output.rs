@@ -3,7 +3,7 @@
 use super::{Input, Manifest, MergeRecord, Merging, Names, report};
 use crate::results::Results;
 use anyhow::{Context, Result};
-use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE};
+use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map};
 use merge::common_map::Fused;
 use std::fs;
 use std::path::PathBuf;
@@ -13,13 +13,27 @@ const NUMBERS: &str = "merge.json";
 
 /// The file of a group's map: the first group's is `map.mcap`.
 pub fn map_file(group: usize, fused: &Fused, names: &Names) -> String {
-    of_group("map", "mcap", group, fused, names)
+    of_group("map", "mcap", group, names.of(fused.component.root))
 }
 
-fn of_group(stem: &str, extension: &str, group: usize, fused: &Fused, names: &Names) -> String {
+fn of_group(stem: &str, extension: &str, group: usize, root: &str) -> String {
     match group {
         0 => format!("{stem}.{extension}"),
-        _ => format!("{stem}-{}.{extension}", names.of(fused.component.root)),
+        _ => format!("{stem}-{root}.{extension}"),
+    }
+}
+
+/// The map of agents that hang together, as it is written.
+pub(crate) struct GroupMap<'a> {
+    /// The map; that of one agent alone is its own.
+    pub map: &'a Map,
+    /// What its agents are called in names of files, in the order of their ids; the group is called by the first.
+    pub names: Vec<&'a str>,
+}
+
+impl<'a> GroupMap<'a> {
+    fn of(fused: &'a Fused, names: &'a Names) -> Self {
+        Self { map: &fused.map, names: fused.agents.iter().map(|agent| names.of(*agent)).collect() }
     }
 }
 
@@ -38,12 +52,11 @@ pub fn write_results(
 ) -> Result<()> {
     let provenance = merging.provenance(inputs, &record.params);
     manifest.map_or(Ok(()), |manifest| manifest.write(output))?;
-    let files = GroupFiles::of(output, &merging.fused, names)?;
+    let groups: Vec<GroupMap> = merging.fused.iter().map(|fused| GroupMap::of(fused, names)).collect();
+    let files = GroupFiles::of(output, &groups)?;
     let page = output.file(REPORT)?;
-    let (maps, report) = rayon::join(
-        || write_groups(&files, &merging.fused, &provenance),
-        || report::write(&page, inputs, merging),
-    );
+    let (maps, report) =
+        rayon::join(|| fill(&files, &groups, &provenance), || report::write(&page, inputs, merging));
     maps?;
     report.with_context(|| format!("{}: cannot be written", page.display()))?;
     let path = output.file(NUMBERS)?;
@@ -62,7 +75,17 @@ pub fn write_maps(
     names: &Names,
     provenance: &[(String, String)],
 ) -> Result<()> {
-    write_groups(&GroupFiles::of(output, groups, names)?, groups, provenance)
+    let groups: Vec<GroupMap> = groups.iter().map(|fused| GroupMap::of(fused, names)).collect();
+    write_groups(output, &groups, provenance)
+}
+
+/// [`write_maps`] of any groups.
+pub(crate) fn write_groups(
+    output: &mut Results,
+    groups: &[GroupMap],
+    provenance: &[(String, String)],
+) -> Result<()> {
+    fill(&GroupFiles::of(output, groups)?, groups, provenance)
 }
 
 /// Where the files of a group go.
@@ -74,36 +97,35 @@ struct GroupFiles {
 }
 
 impl GroupFiles {
-    fn of(output: &mut Results, groups: &[Fused], names: &Names) -> Result<Vec<Self>> {
-        let of_group = |(index, fused): (usize, &Fused)| {
-            let map = output.file(map_file(index, fused, names))?;
-            let cloud = output.file(of_group("cloud", "ply", index, fused, names))?;
-            let trajectory = |agent| output.file(format!("trajectory-{}.txt", names.of(agent)));
-            let trajectories = fused.agents.iter().copied().map(trajectory).collect::<Result<_>>()?;
+    fn of(output: &mut Results, groups: &[GroupMap]) -> Result<Vec<Self>> {
+        let of_group = |(index, group): (usize, &GroupMap)| {
+            let root = group.names.first().copied().unwrap_or_default();
+            let map = output.file(of_group("map", "mcap", index, root))?;
+            let cloud = output.file(of_group("cloud", "ply", index, root))?;
+            let trajectory = |name| output.file(format!("trajectory-{name}.txt"));
+            let trajectories = group.names.iter().map(trajectory).collect::<Result<_>>()?;
             Ok(Self { map, cloud, trajectories })
         };
         groups.iter().enumerate().map(of_group).collect()
     }
 }
 
-fn write_groups(files: &[GroupFiles], groups: &[Fused], provenance: &[(String, String)]) -> Result<()> {
-    for (files, fused) in files.iter().zip(groups) {
+fn fill(files: &[GroupFiles], groups: &[GroupMap], provenance: &[(String, String)]) -> Result<()> {
+    for (files, group) in files.iter().zip(groups) {
         let map = || {
             // A map of one agent alone was not made here.
-            if fused.agents.len() == 1 {
-                return map::save_map(&files.map, &fused.map);
+            if group.names.len() == 1 {
+                return map::save_map(&files.map, group.map);
             }
             let merge_provenance = provenance.iter().cloned().collect();
-            map::save_map(&files.map, &map::Map { merge_provenance, ..fused.map.clone() })
+            map::save_map(&files.map, &Map { merge_provenance, ..group.map.clone() })
         };
-        let cloud = || {
-            map::save_ply(&files.cloud, &fused.map, CloudSelection::of_results(DEFAULT_MAX_RELATIVE_VARIANCE))
-        };
-        let (map, cloud) = rayon::join(map, cloud);
+        let selection = CloudSelection::of_results(DEFAULT_MAX_RELATIVE_VARIANCE);
+        let (map, cloud) = rayon::join(map, || map::save_ply(&files.cloud, group.map, selection));
         map?;
         cloud?;
-        for (path, united) in files.trajectories.iter().zip(fused.map.agents.keys()) {
-            map::save_tum(path, &fused.map.trajectory_of(*united))?;
+        for (path, agent) in files.trajectories.iter().zip(group.map.agents.keys()) {
+            map::save_tum(path, &group.map.trajectory_of(*agent))?;
         }
     }
     Ok(())

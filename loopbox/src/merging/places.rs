@@ -1,8 +1,12 @@
 //! Which places every two maps may share: one index over all of them, asked once for each keyframe.
 
+#[cfg(test)]
+mod tests;
+
 use super::{Input, MergingParams};
-use map::KeyframeId;
-use place_recog::{Appearance, CommonIndex, Proposal, Vocabulary};
+use geometry::{GrayImage, Swap};
+use map::{Keyframe, KeyframeId};
+use place_recog::{Appearance, CommonIndex, IndexMethod, Proposal, ProposeParams, Vocabulary, WordBag};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,15 +20,67 @@ pub(crate) struct Places {
     pub seconds: f64,
 }
 
-/// The places that the keyframes of each input may share with the inputs before it in [`order`], of the pairs that are
-/// `wanted`, by target and source.
+/// What place recognition looks at of a map: its words, and few images or none. Without the map it takes a hundredth of the memory.
+#[derive(Clone, Debug)]
+pub(crate) struct Appearances {
+    words: Arc<BTreeMap<KeyframeId, WordBag>>,
+    /// The images of the first keyframe and of those that the index looks at.
+    images: BTreeMap<KeyframeId, Arc<GrayImage>>,
+    /// When the first keyframe was recorded, as the bits of its time in seconds; 0 without any.
+    begin: u64,
+    /// How many keyframes the map has.
+    keyframes: usize,
+}
+
+impl Appearances {
+    /// Those of an input, with which it shares what is large.
+    pub fn of(input: &Input, params: &ProposeParams) -> Self {
+        let keyframes = &input.map.keyframes;
+        let count = if params.method == IndexMethod::Thumbnails { keyframes.len() } else { 1 };
+        let image = |keyframe: &Keyframe| (keyframe.id, Arc::clone(&keyframe.image));
+        Self {
+            words: Arc::clone(&input.words),
+            images: keyframes.values().take(count).map(image).collect(),
+            begin: keyframes.values().next().map_or(0, |keyframe| keyframe.timestamp.to_bits()),
+            keyframes: keyframes.len(),
+        }
+    }
+
+    /// The same with images of their own, which `swap` keeps as far as it has room: nothing of the map is held any more.
+    pub fn apart(mut self, swap: &dyn Swap) -> Self {
+        for image in self.images.values_mut() {
+            let pixels = image.data().to_vec();
+            let copy = GrayImage::from_vec(image.width(), image.height(), pixels).unwrap_or_default();
+            *image = Arc::new(copy.swapped_out(swap).unwrap_or(copy));
+            image.rest();
+        }
+        self
+    }
+
+    /// What the index looks at of the keyframes.
+    fn of_keyframes(&self) -> BTreeMap<KeyframeId, Appearance<'_>> {
+        let seen = |(id, words): (&KeyframeId, _)| {
+            let image = self.images.get(id).map(|image| &**image);
+            (*id, Appearance { words, image })
+        };
+        self.words.iter().map(seen).collect()
+    }
+
+    /// The first keyframe's pixels.
+    fn first_pixels(&self) -> &[u8] {
+        self.images.values().next().map_or(&[], |image| image.data())
+    }
+}
+
+/// The places that the keyframes of each map may share with the maps before it in [`order`], of the pairs that are `wanted`, by
+/// target and source.
 pub(super) fn places(
-    inputs: &[Input],
+    maps: &[Appearances],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
     wanted: &dyn Fn([usize; 2]) -> bool,
 ) -> BTreeMap<[usize; 2], Places> {
-    let order = order(inputs);
+    let order = order(maps);
     let mut index = CommonIndex::new(vocabulary, &params.places);
     let mut all = BTreeMap::new();
     // Maps that no later one asks for, and those that ask for none, cost nothing.
@@ -32,12 +88,12 @@ pub(super) fn places(
     let mut numbers: Vec<usize> = Vec::new();
     for (at, &source) in order.iter().enumerate() {
         let start = Instant::now();
-        let of_source = seen(&inputs[source]);
-        let maps: Vec<usize> = (0..numbers.len()).filter(|&map| wanted(numbers[map], source)).collect();
-        if !maps.is_empty() {
-            let found = index.propose(&of_source, &maps);
-            let seconds = start.elapsed().as_secs_f64() / maps.len() as f64;
-            for (map, proposals) in maps.into_iter().zip(found) {
+        let of_source = maps[source].of_keyframes();
+        let asked: Vec<usize> = (0..numbers.len()).filter(|&map| wanted(numbers[map], source)).collect();
+        if !asked.is_empty() {
+            let found = index.propose(&of_source, &asked);
+            let seconds = start.elapsed().as_secs_f64() / asked.len() as f64;
+            for (map, proposals) in asked.into_iter().zip(found) {
                 all.insert([numbers[map], source], Places { proposals, seconds });
             }
         }
@@ -49,26 +105,11 @@ pub(super) fn places(
     all
 }
 
-/// What the index looks at of a map's keyframes.
-fn seen(input: &Input) -> BTreeMap<KeyframeId, Appearance<'_>> {
-    let seen = |(id, words): (&KeyframeId, _)| {
-        let image = input.map.keyframes.get(id).map(|keyframe| &*keyframe.image);
-        (*id, Appearance { words, image })
-    };
-    input.words.iter().map(seen).collect()
-}
-
-/// The inputs in the order in which they are searched, whatever the order in which they are given: by when they were
-/// recorded, then by what they hold. Of two the first is the target. Maps alike in all of this are one map, which is not
-/// merged with itself.
-pub(super) fn order(inputs: &[Input]) -> Vec<usize> {
-    fn key(input: &Input) -> (u64, usize, &[u8]) {
-        let first = input.map.keyframes.values().next();
-        let time = first.map_or(0, |keyframe| keyframe.timestamp.to_bits());
-        let pixels = first.map_or(&[][..], |keyframe| keyframe.image.data());
-        (time, input.map.keyframes.len(), pixels)
-    }
-    let mut order: Vec<usize> = (0..inputs.len()).collect();
-    order.sort_by(|&a, &b| key(&inputs[a]).cmp(&key(&inputs[b])));
+/// The maps in the order in which they are searched, whatever the order in which they are given: by when they were recorded,
+/// then by what they hold. Of two the first is the target. Maps alike in all of this are one map, which is not merged with itself.
+fn order(maps: &[Appearances]) -> Vec<usize> {
+    let key = |map: usize| (maps[map].begin, maps[map].keyframes, maps[map].first_pixels());
+    let mut order: Vec<usize> = (0..maps.len()).collect();
+    order.sort_by(|&a, &b| key(a).cmp(&key(b)));
     order
 }

@@ -4,7 +4,7 @@
 //! the map of another agent, in a unit of its own, lies where and as it should and not as large as it should; what is said
 //! here in the common frame is as large.
 
-use crate::lidar::merging::{Input, LidarMerging, place_of};
+use crate::lidar::merging::LidarMerging;
 use geometry::Se3;
 use map::{DEFAULT_MAX_RELATIVE_VARIANCE, Map, SensorKind};
 use merge::common_map::Fused;
@@ -65,10 +65,9 @@ impl Common {
     }
 
     /// Publishes what was merged of LiDARs.
-    pub fn publish_lidars(&mut self, inputs: &[Input], merging: &LidarMerging) {
-        let place = |number: &usize| Some(place_of(merging, inputs.get(*number)?, *number));
+    pub fn publish_lidars(&mut self, merging: &LidarMerging) {
         let together = merging.groups.iter().map(|group| {
-            let root_from_agent = group.members.iter().map(place).collect();
+            let root_from_agent = group.root_from_map.iter().copied().map(Some).collect();
             Together { map: &group.map, root_from_agent }
         });
         self.of_lidars = messages(&together.collect::<Vec<_>>());

@@ -147,12 +147,16 @@ pub fn propose_pairs(
         }
     }
     let vocabulary = Vocabulary::shipped();
-    let swap = SwapFiles::new(std::env::temp_dir());
-    let inputs = merging::load(&maps, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
-    go_on("looking for places that the maps share", stop, watcher)?;
-    let place = |input: usize| maps.iter().position(|path| *path == inputs[input].path).unwrap_or(input);
+    let mut stage = |text: &str| go_on(text, stop, watcher);
+    let loaded = merging::load_appearances(&maps, &vocabulary, &params.places, watcher, &mut stage)?;
+    let (numbers, appearances): (Vec<usize>, Vec<_>) = loaded.into_iter().unzip();
+    stage("looking for places that the maps share")?;
+    let place = |number: usize| {
+        let path = &maps[numbers[number]];
+        maps.iter().position(|other| other == path).unwrap_or(numbers[number])
+    };
     let mut pairs: Vec<([usize; 2], f32, usize)> = Vec::new();
-    for ([a, b], score, places) in proposed(&inputs, &vocabulary, params) {
+    for ([a, b], score, places) in proposed(&appearances, &vocabulary, params) {
         let (a, b) = (place(a), place(b));
         pairs.push(([a.min(b), a.max(b)], score, places));
     }

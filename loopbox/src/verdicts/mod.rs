@@ -11,8 +11,8 @@ mod tests;
 pub use find::{ProposedPair, VerdictOptions, VerdictReport, find_verdict, listed_pairs, propose_pairs};
 
 use crate::blobs::{self, Blobs};
-use crate::lidar::{self, merging::LidarMergeParams};
-use crate::merging::{Input, MergingParams, PairResult, Seconds};
+use crate::lidar::merging::{self as lidar, Files, LidarMergeParams};
+use crate::merging::{Input, MergingParams, PairResult, Seconds, agent_digests};
 use crate::open::map_file_at;
 use anyhow::{Context, Result, bail};
 use merge::further::Joined;
@@ -118,20 +118,6 @@ fn hex(bytes: &[u8]) -> String {
 /// When one cannot be read.
 fn digests<'a>(paths: impl Iterator<Item = &'a PathBuf>) -> Result<Vec<MapDigest>> {
     paths.collect::<Vec<_>>().into_par_iter().map(|path| MapDigest::of(path)).collect()
-}
-
-/// The files and agents of LiDARs' inputs.
-///
-/// # Errors
-/// When a file cannot be read.
-fn lidar_digests(inputs: &[lidar::merging::Input]) -> Result<Vec<MapDigest>> {
-    let files = digests(inputs.iter().map(|input| &input.path))?;
-    let same = |number: usize| inputs.iter().enumerate().filter(move |(_, i)| i.path == inputs[number].path);
-    let digest = |(number, file): (usize, &MapDigest)| match same(number).count() {
-        1 => file.clone(),
-        _ => file.of_agent(same(number).take_while(|(other, _)| *other < number).count()),
-    };
-    Ok(files.iter().enumerate().map(digest).collect())
 }
 
 /// Verdicts among [`Blobs`]. Several processes may read and fill them at a time; a verdict that is there is not changed.
@@ -330,11 +316,21 @@ impl<'a> LidarVerdicts<'a> {
     /// When the folder cannot be made, or a map's file not be read.
     pub fn of(
         folder: Option<&Path>,
-        inputs: &[lidar::merging::Input],
+        inputs: &[lidar::Input],
         params: &'a LidarMergeParams,
     ) -> Result<Option<Self>> {
         let Some(folder) = folder else { return Ok(None) };
-        Ok(Some(Self { kept: Verdicts::at(folder)?, maps: lidar_digests(inputs)?, params }))
+        let files = Files::of(inputs);
+        let maps = agent_digests(&files.agents, &digests(files.paths.iter().copied())?);
+        Ok(Some(Self::at(folder, maps, params)?))
+    }
+
+    /// Those of maps that are called so, at a place.
+    ///
+    /// # Errors
+    /// When it cannot be used.
+    pub fn at(place: &Path, maps: Vec<MapDigest>, params: &'a LidarMergeParams) -> Result<Self> {
+        Ok(Self { kept: Verdicts::at(place)?, maps, params })
     }
 
     /// Those of maps that are called so, among `kept`.
@@ -368,6 +364,14 @@ impl<'a> LidarVerdicts<'a> {
     /// When that cannot be read.
     pub fn is_confirmed(&self, order: [usize; 2]) -> Result<bool> {
         self.kept.is_confirmed(&self.key(order))
+    }
+
+    /// Whether anything is known of two inputs.
+    ///
+    /// # Errors
+    /// When that cannot be read.
+    pub fn has(&self, pair: [usize; 2]) -> Result<bool> {
+        self.kept.blobs.has(&self.key(pair).object())
     }
 
     /// What is known of two inputs, which stand in `order`.

@@ -48,7 +48,7 @@ pub fn pair_result_after(target: &Map, source: &Map, days: f64) -> PairResult {
     let (of_target, of_source) = (features(target), features(source));
     let vocabulary = Vocabulary::shipped();
     let words_of =
-        |features: &KeyframeFeatures, id| FeatureWords::of(features.get(id).expect("its own"), &vocabulary);
+        |features: &KeyframeFeatures, id| FeatureWords::of(&features.get(id).expect("its own"), &vocabulary);
     let words = |features: &KeyframeFeatures| -> BTreeMap<KeyframeId, WordBag> {
         features.keyframes().map(|id| (id, words_of(features, id).bag())).collect()
     };

@@ -183,7 +183,7 @@ impl LidarMergeRecord {
             name: input.name.clone(),
             keyframes: input.keyframes.len(),
             points: input.keyframes.iter().map(|keyframe| keyframe.points.len()).sum(),
-            world_from_map: place_of(merging, input, index).to_tum(),
+            world_from_map: place_of(merging, index).to_tum(),
         };
         Self {
             version: env!("CARGO_PKG_VERSION"),

@@ -89,7 +89,11 @@ impl Data {
         let pair_reports = merging
             .pair_results
             .iter()
-            .map(|pair_result| PairReport::new(inputs, pair_result, &places, &mut pictures))
+            .map(|pair_result| {
+                let report = PairReport::new(inputs, pair_result, &places, &mut pictures);
+                pair_result.as_given().iter().for_each(|&input| inputs[input].features.rest());
+                report
+            })
             .collect::<anyhow::Result<_>>()?;
         Ok(Self {
             inputs: inputs.iter().map(|input| input.name.clone()).collect(),

@@ -1,6 +1,8 @@
 //! LiDAR agents through the program: runs, merges and what can be done with their maps.
 
+#[path = "../common/mod.rs"]
 mod common;
+mod manifest;
 
 use common::{arg, loopbox, stderr, stdout, write};
 use loopbox_tests::lidar::{HALL, SIXTEEN, Sensor, walk, write_recording, write_recording_of};
