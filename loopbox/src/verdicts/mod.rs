@@ -49,6 +49,11 @@ impl MapDigest {
         Ok(Self(hex(&digest.finalize())))
     }
 
+    /// That of a map's file that holds these bytes.
+    pub(crate) fn of_bytes(bytes: &[u8]) -> Self {
+        Self(hex(&Sha256::digest(bytes)))
+    }
+
     /// That of a map that is in no file, by the hash of what it holds.
     #[cfg(feature = "fleet")]
     pub(crate) fn of_content(hash: &impl ToString) -> Self {
