@@ -127,7 +127,13 @@ impl Command {
             Command::Run(args) => {
                 let args = args.with_out();
                 let (is_open, out) = (args.open, args.out().to_owned());
+                #[cfg(feature = "fleet")]
+                let store = args.pairing.store()?;
                 run::execute(args)?;
+                #[cfg(feature = "fleet")]
+                if let Some(store) = store {
+                    fleet::put(&store, &out)?;
+                }
                 listed(is_open, &out);
                 Ok(())
             }

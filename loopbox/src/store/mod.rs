@@ -4,10 +4,14 @@
 //! `maps/` holds the maps: each a `map.mcap` in a folder of its own, or a file of another name with `.mcap` behind; those that loopbox puts
 //! there are called by their SHA-256. `verdicts/` holds what `merge --verdicts` keeps, under the same names.
 
+#[cfg(feature = "fleet")]
+mod sharing;
 #[cfg(test)]
 mod tests;
 mod worker;
 
+#[cfg(feature = "fleet")]
+pub(crate) use sharing::Sharing;
 pub use worker::{Work, WorkOptions, work};
 
 use crate::blobs::{self, Blobs, Place, local_files, maps_among};
@@ -95,6 +99,15 @@ impl Store {
     /// When the store cannot be read.
     fn has_verdict(&self, name: &str) -> Result<bool> {
         self.blobs.has(&format!("{VERDICTS}{name}"))
+    }
+
+    /// A verdict; nothing where there is none of that name.
+    ///
+    /// # Errors
+    /// When the store cannot be read.
+    #[cfg(feature = "fleet")]
+    fn verdict(&self, name: &str) -> Result<Option<Vec<u8>>> {
+        self.blobs.get(&format!("{VERDICTS}{name}"))
     }
 
     /// Puts a verdict where there is none of that name.
