@@ -111,6 +111,7 @@ struct Worker<'a> {
     options: &'a WorkOptions,
     stop: &'a Stop,
     watcher: &'a dyn MergeWatcher,
+    warned: Warned<'a>,
     store: Store,
     maps: BTreeMap<String, Entry>,
     /// The pairs whose verdicts were not there when it was looked last, the next one last.
@@ -127,7 +128,8 @@ impl<'a> Worker<'a> {
         let room =
             tempfile::tempdir().context("there is no room for a verdict in the folder of temporary files")?;
         let (maps, waiting, order, work) = Default::default();
-        Ok(Self { options, stop, watcher, store, maps, waiting, room, order, work })
+        let warned = Warned { watcher, said: RefCell::default() };
+        Ok(Self { options, stop, watcher, warned, store, maps, waiting, room, order, work })
     }
 
     /// Looks what is there, and asks pairs until it is time to look again. Whether nothing is left, and nothing on its way.
@@ -270,7 +272,7 @@ impl<'a> Worker<'a> {
         let (cameras, lidars) = (self.options.cameras.clone(), self.options.lidars.clone());
         let verdicts = Some(self.room.path().to_owned());
         let options = VerdictOptions { cameras, lidars, verdicts, confirm: Vec::new() };
-        find_verdict(&maps, &options, self.stop, &Warned::new(self.watcher))
+        find_verdict(&maps, &options, self.stop, &self.warned)
     }
 
     /// Puts the verdicts that were found into the store.
@@ -367,16 +369,10 @@ fn may_be_written(name: &str, stamp: Stamp) -> bool {
     SystemTime::now().duration_since(written).map_or(true, |age| age < SETTLED)
 }
 
-/// Passes on warnings, each once, and no stages.
+/// Passes on warnings, each once whatever pair a map is in, and no stages.
 struct Warned<'a> {
     watcher: &'a dyn MergeWatcher,
     said: RefCell<BTreeSet<String>>,
-}
-
-impl<'a> Warned<'a> {
-    fn new(watcher: &'a dyn MergeWatcher) -> Self {
-        Self { watcher, said: RefCell::default() }
-    }
 }
 
 impl MergeWatcher for Warned<'_> {

@@ -8,10 +8,22 @@ use crate::store::Sharing;
 use crate::verdicts::{CameraVerdicts, MapDigest, VerdictKey};
 use anyhow::Result;
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+/// How often a store is asked anew while maps come. What is wanted of N maps takes N² keys.
+const ASKING: Duration = Duration::from_secs(5);
 /// How long it is waited for verdicts that are in the store before pairs are looked at.
 const ANSWER: Duration = Duration::from_secs(2);
+
+/// What a store was asked for last.
+#[derive(Default)]
+pub(super) struct Asked {
+    /// The maps' files.
+    files: Vec<Option<MapDigest>>,
+    /// Whether they were all that is to come.
+    exactly: bool,
+    at: Option<Instant>,
+}
 
 /// Verdicts on these maps.
 pub(super) struct Keeper<'a> {
@@ -57,18 +69,13 @@ impl Keeper<'_> {
 
     /// Asks a store for the verdicts on pairs that would be looked at, where maps have got files since it was `asked` last; waits for a
     /// moment for those that are there, where the maps are all that is to come.
-    pub fn ask(
-        &self,
-        memory: &Memory,
-        sharing: &Sharing,
-        asked: &mut (Vec<Option<MapDigest>>, bool),
-        exactly: bool,
-    ) {
-        let now = (self.maps.files.clone(), exactly);
-        if *asked == now {
+    pub fn ask(&self, memory: &Memory, sharing: &Sharing, asked: &mut Asked, exactly: bool) {
+        let is_same = asked.files == self.maps.files && asked.exactly == exactly;
+        let is_early = !exactly && asked.at.is_some_and(|at| at.elapsed() < ASKING);
+        if is_same || is_early {
             return;
         }
-        *asked = now;
+        *asked = Asked { files: self.maps.files.clone(), exactly, at: Some(Instant::now()) };
         match self.wanted(memory) {
             Ok(wanted) => sharing.want(wanted, if exactly { ANSWER } else { Duration::ZERO }),
             Err(error) => (self.warn)(&format!("the store is not asked for verdicts: {error:#}")),

@@ -1,6 +1,6 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
-use super::keeping::Keeper;
+use super::keeping::{Asked, Keeper};
 use super::merger::{Looking, Merger, merged_pairs};
 use super::optimisation::{Job, Outcome, optimise};
 use super::planning::Planner;
@@ -16,7 +16,6 @@ use crate::fleet::remembering::Content;
 use crate::merging::{Input, pairs};
 use crate::results::Results;
 use crate::store::{Sharing, Store};
-use crate::verdicts::MapDigest;
 use anyhow::Result;
 use fleet::merge_results::MergeResults;
 use map::{Identity, SensorKind};
@@ -43,8 +42,7 @@ pub(super) struct Whole {
     verdicts: PathBuf,
     /// The store that maps and verdicts are shared in, if there is one.
     sharing: Option<Sharing>,
-    /// The maps' files, and whether they were all that is to come, when it was asked for verdicts last.
-    asked: (Vec<Option<MapDigest>>, bool),
+    asked: Asked,
     optimiser: Worker<Outcome>,
     /// Where the common map is written; away while it is settled.
     results: Option<Results>,
@@ -104,7 +102,7 @@ impl Whole {
             is_new,
             verdicts,
             sharing: None,
-            asked: Default::default(),
+            asked: Asked::default(),
             optimiser,
             results,
             states,
