@@ -7,7 +7,7 @@
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
 //! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright, [`write_report`] makes the report of a map alone. [`lidar`] does the same for LiDAR agents; `fleet` lets
-//! agents pair over a network, [`ros`] publishes a run to ROS 2. [`verdicts`] keeps what pairs of maps made of each other, as [`blobs`]. [`unattended`] runs an agent for ever, session after session.
+//! agents pair over a network, [`ros`] publishes a run to ROS 2. [`verdicts`] keeps what pairs of maps made of each other, as [`blobs`]; [`store`] has maps beside them, whose pairs workers ask. [`unattended`] runs an agent for ever, session after session.
 
 pub mod blobs;
 pub mod calibrating;
@@ -26,6 +26,7 @@ mod reporting;
 pub mod results;
 pub mod ros;
 pub mod run;
+pub mod store;
 mod swapping;
 pub mod unattended;
 pub mod verdicts;

@@ -5,9 +5,11 @@ mod demo;
 use super::keys::KeysArg;
 use crate::console::{self, Ended, Ending, tell, usage};
 use crate::interrupt::stop_on_ctrl_c;
-use anyhow::{Result, anyhow, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use loopbox::fleet::{Endpoint, Fleet, FleetOptions, StatusFile, read_status};
+use loopbox::open::map_file_at;
+use loopbox::store::Store;
 use map::SensorKind;
 use sources::Stop;
 use std::fmt::Write;
@@ -58,9 +60,21 @@ pub struct PairingArgs {
     connect: Vec<Endpoint>,
     #[command(flatten)]
     keys: KeysArg,
+    /// Put the map into this store once the run has ended well, for `loopbox worker` and `merge`; with or without --fleet, no station is
+    /// needed: a folder, or in a bucket s3://BUCKET/PREFIX, gs://… or az://…; the map is STORE/maps/SHA-256.mcap there
+    #[arg(long, value_name = "STORE", conflicts_with_all = ["check", "repeat", "localise"])]
+    store: Option<PathBuf>,
 }
 
 impl PairingArgs {
+    /// The store that gets the map, if that was asked for.
+    ///
+    /// # Errors
+    /// When it cannot be used.
+    pub fn store(&self) -> Result<Option<Store>> {
+        self.store.as_deref().map(Store::at).transpose()
+    }
+
     /// Whether the run is to pair.
     pub fn is_wanted(&self) -> bool {
         self.fleet.is_some()
@@ -86,6 +100,7 @@ impl PairingArgs {
         let of_folder =
             || out.file_name().map_or_else(|| "agent".into(), |n| n.to_string_lossy().into_owned());
         let options = FleetOptions {
+            store: None,
             out: out.to_owned(),
             force: false,
             name: name.clone().unwrap_or_else(of_folder),
@@ -178,6 +193,7 @@ pub fn run(args: &FleetCommand) -> Result<()> {
 /// Tells what a run kept for neighbours that were not there, and takes theirs.
 fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
     let options = FleetOptions {
+        store: None,
         out: folder.to_owned(),
         force: false,
         name: name.to_owned(),
@@ -288,4 +304,14 @@ pub(super) fn described(status: &StatusFile) -> String {
         let _ = writeln!(text, "  {trouble}");
     }
     text
+}
+
+/// Puts the map of a run into a store.
+///
+/// # Errors
+/// When the map cannot be read, or the store not be written.
+pub(super) fn put(store: &Store, out: &Path) -> Result<()> {
+    let (map, _) = map_file_at(out)?;
+    let put = store.put_map(&map);
+    put.with_context(|| format!("the map is in {}, and not in the store", map.display())).map(drop)
 }

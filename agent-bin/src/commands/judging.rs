@@ -9,9 +9,9 @@ use loopbox::merging::MergingParams;
 use loopbox::verdicts::VerdictOptions;
 use std::path::PathBuf;
 
-/// How pairs of maps are judged.
+/// By which method and parameters pairs of maps are judged.
 #[derive(Debug, Args)]
-pub struct JudgingArgs {
+pub struct MethodArgs {
     /// How maps are joined where they met, in place of the parameter file's: direct, loopbox's own, aligns the images
     /// of all pairs that agree; the others, loop-box of the paper among them, are there to compare it with. Of LiDARs:
     /// pieces, loopbox's own, or emr, the paper's
@@ -21,12 +21,19 @@ pub struct JudgingArgs {
     /// day
     #[arg(long, value_name = "DAYS", value_parser = days)]
     days_apart: Option<f64>,
+    #[command(flatten)]
+    parameters: ParameterArgs,
+}
+
+/// How pairs of maps are judged, and what is known of them.
+#[derive(Debug, Args)]
+pub struct JudgingArgs {
+    #[command(flatten)]
+    pub how: MethodArgs,
     /// Join these two agents, by their names in the verdict: you know that both maps show one place, whatever looks otherwise. That the
     /// pose between them is right is still tested. With --verdicts it is kept; may be given again
     #[arg(long, value_name = "A+B")]
     pub confirm: Vec<String>,
-    #[command(flatten)]
-    parameters: ParameterArgs,
     /// Where verdicts are kept: a folder, or in a bucket s3://BUCKET/PREFIX, gs://… or az://…. Pairs that have one there are not looked at
     /// again, and those of others are kept there. Several processes may share it
     #[arg(long, value_name = "DIR")]
@@ -39,7 +46,7 @@ fn days(text: &str) -> Result<f64, String> {
     if days.is_finite() && days >= 0.0 { Ok(days) } else { Err("days are 0 or more".to_owned()) }
 }
 
-impl JudgingArgs {
+impl MethodArgs {
     /// The parameters of maps of cameras.
     ///
     /// # Errors
@@ -69,32 +76,21 @@ impl JudgingArgs {
         self.lidar_params()
     }
 
-    /// Those of LiDARs and of cameras, where both are among the maps.
+    /// The parameters of maps of cameras and of those of LiDARs, where both are in a store and not compared with each other.
     ///
     /// # Errors
-    /// When the parameter file cannot be read, the method is one of cameras, or a pair is confirmed.
-    pub fn of_both(&self) -> Result<(LidarMergeParams, MergingParams)> {
-        if !self.confirm.is_empty() {
-            bail!("--confirm is for maps of cameras alone or of LiDARs alone, and among these are both");
+    /// When the parameter file cannot be read.
+    pub fn of_store(&self) -> Result<(MergingParams, LidarMergeParams)> {
+        let days = |usual: f64| self.days_apart.unwrap_or(usual);
+        let (mut cameras, mut lidars) = (self.parameters.of_merging()?, LidarMergeParams::default());
+        cameras.further.place.prior.days_apart = days(cameras.further.place.prior.days_apart);
+        lidars.prior.days_apart = days(lidars.prior.days_apart);
+        match self.method {
+            Some(AnyMethod::Camera(method)) => cameras.method = method,
+            Some(AnyMethod::Lidar(method)) => lidars.method = method,
+            None => {}
         }
-        let lidars = self.lidar_params()?;
-        let mut cameras = self.parameters.of_merging()?;
-        cameras.further.place.prior.days_apart =
-            self.days_apart.unwrap_or(cameras.further.place.prior.days_apart);
-        Ok((lidars, cameras))
-    }
-
-    /// How a verdict on maps of cameras alone or LiDARs alone is found.
-    ///
-    /// # Errors
-    /// As [`of_cameras`](Self::of_cameras) and [`of_lidars`](Self::of_lidars).
-    pub fn of_either(&self, are_lidars: bool) -> Result<VerdictOptions> {
-        let (verdicts, confirm) = (self.verdicts.clone(), self.confirm.clone());
-        let options = VerdictOptions { verdicts, confirm, ..VerdictOptions::default() };
-        Ok(match are_lidars {
-            true => VerdictOptions { lidars: self.of_lidars()?, ..options },
-            false => VerdictOptions { cameras: self.of_cameras()?, ..options },
-        })
+        Ok((cameras, lidars))
     }
 
     fn lidar_params(&self) -> Result<LidarMergeParams> {
@@ -108,5 +104,35 @@ impl JudgingArgs {
             None => {}
         }
         Ok(params)
+    }
+}
+
+impl JudgingArgs {
+    /// Those of LiDARs and of cameras, where both are among the maps.
+    ///
+    /// # Errors
+    /// When the parameter file cannot be read, the method is one of cameras, or a pair is confirmed.
+    pub fn of_both(&self) -> Result<(LidarMergeParams, MergingParams)> {
+        if !self.confirm.is_empty() {
+            bail!("--confirm is for maps of cameras alone or of LiDARs alone, and among these are both");
+        }
+        let lidars = self.how.lidar_params()?;
+        let mut cameras = self.how.parameters.of_merging()?;
+        cameras.further.place.prior.days_apart =
+            self.how.days_apart.unwrap_or(cameras.further.place.prior.days_apart);
+        Ok((lidars, cameras))
+    }
+
+    /// How a verdict on maps of cameras alone or LiDARs alone is found.
+    ///
+    /// # Errors
+    /// As [`MethodArgs::of_cameras`] and [`MethodArgs::of_lidars`].
+    pub fn of_either(&self, are_lidars: bool) -> Result<VerdictOptions> {
+        let (verdicts, confirm) = (self.verdicts.clone(), self.confirm.clone());
+        let options = VerdictOptions { verdicts, confirm, ..VerdictOptions::default() };
+        Ok(match are_lidars {
+            true => VerdictOptions { lidars: self.how.of_lidars()?, ..options },
+            false => VerdictOptions { cameras: self.how.of_cameras()?, ..options },
+        })
     }
 }

@@ -80,11 +80,11 @@ pub fn run(args: &mut MergeArgs) -> Result<()> {
         Sensors::Mixed => return merge_scans::run_mixed(args, &args.mixed()?),
         Sensors::Lidars => {
             args.check_lidar_options()?;
-            return merge_scans::run(args, args.judging.of_lidars()?);
+            return merge_scans::run(args, args.judging.how.of_lidars()?);
         }
         Sensors::Cameras => {}
     }
-    let mut params = args.judging.of_cameras()?;
+    let mut params = args.judging.how.of_cameras()?;
     if args.optimise {
         (params.joint, params.joint_keyframes) = (true, usize::MAX);
     }

@@ -45,6 +45,7 @@ mod verdict;
 mod view;
 mod vocab;
 mod watching;
+mod worker;
 
 use crate::progress::REPORT;
 use crate::{console, version};
@@ -85,6 +86,7 @@ pub enum Command {
     Merge(merge::MergeArgs),
     Propose(verdict::ProposeArgs),
     Verdict(verdict::VerdictArgs),
+    Worker(worker::WorkerArgs),
     Places(places::PlacesArgs),
     Unmerge(unmerge::UnmergeArgs),
     #[cfg(feature = "fleet")]
@@ -125,7 +127,13 @@ impl Command {
             Command::Run(args) => {
                 let args = args.with_out();
                 let (is_open, out) = (args.open, args.out().to_owned());
+                #[cfg(feature = "fleet")]
+                let store = args.pairing.store()?;
                 run::execute(args)?;
+                #[cfg(feature = "fleet")]
+                if let Some(store) = store {
+                    fleet::put(&store, &out)?;
+                }
                 listed(is_open, &out);
                 Ok(())
             }
@@ -146,6 +154,7 @@ impl Command {
             }
             Command::Propose(args) => verdict::propose(&args),
             Command::Verdict(args) => verdict::run(&args),
+            Command::Worker(args) => worker::run(&args),
             Command::Places(args) => places::run(&args),
             Command::Unmerge(args) => unmerge::run(&args),
             #[cfg(feature = "fleet")]

@@ -76,7 +76,7 @@ pub struct RunArgs {
     view: ViewArgs,
     #[cfg(feature = "fleet")]
     #[command(flatten, next_help_heading = "Fleet")]
-    pairing: super::fleet::PairingArgs,
+    pub(super) pairing: super::fleet::PairingArgs,
     #[command(flatten, next_help_heading = "ROS 2")]
     publishing: Ros2Args,
 }

@@ -34,6 +34,11 @@ pub struct StationArgs {
     /// Replace results of a run in that folder
     #[arg(short, long)]
     force: bool,
+    /// Put the maps of runs that have ended and the verdicts on their pairs into this store, and take verdicts there that `loopbox worker`
+    /// found: a folder, or in a bucket s3://BUCKET/PREFIX, gs://… or az://…, with STORE/maps and STORE/verdicts. The station judges on
+    /// meanwhile, and its common map is the same as without. Of LiDARs the maps alone
+    #[arg(long, value_name = "STORE")]
+    store: Option<PathBuf>,
     /// End once the maps of so many agents are whole, their runs over and all is merged
     #[arg(long, value_name = "COUNT")]
     agents: Option<usize>,
@@ -69,6 +74,7 @@ pub fn run(args: &StationArgs) -> Result<()> {
         in_background: false,
         listen: args.listen.clone(),
         dial: args.connect.clone(),
+        store: args.store.clone(),
         keys: args.keys.folder(),
     };
     let stop = stop_on_ctrl_c("stopping: writing what was merged so far (Ctrl-C again to abort)")?;

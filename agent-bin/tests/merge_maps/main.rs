@@ -13,3 +13,4 @@ mod merging;
 mod support;
 mod unmerging;
 mod verdicts;
+mod workers;

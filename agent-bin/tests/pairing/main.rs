@@ -8,6 +8,7 @@ mod lidar;
 mod messages;
 #[cfg(feature = "view")]
 mod page;
+mod store;
 mod trust;
 
 use common::{arg, command, loopbox, stderr, stdout};

@@ -1,14 +1,10 @@
 //! Maps that lie in buckets, copied once.
 
-use super::{Blobs, BucketBlobs, LocalMap};
+use super::{Blobs, BucketBlobs, LocalMap, MAP, MAP_EXTENSION, maps_among};
 use anyhow::{Context, Result, bail};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
-
-/// The map of a folder of results.
-const MAP: &str = "map.mcap";
-const EXTENSION: &str = ".mcap";
 
 /// Copies maps into the user's cache: `SCHEME/BUCKET/NAME/VERSION/map.mcap`, so that the path says where a map is from, and an object that
 /// was put anew is another file. Several processes may do so at a time.
@@ -36,7 +32,7 @@ impl<'a> Copies<'a> {
         let (blobs, cache, report) = (&self.buckets[bucket], &self.cache, self.report);
         let Some(prefix) = name.strip_suffix('*').filter(|prefix| prefix.is_empty() || prefix.ends_with('/'))
         else {
-            let object = if name.ends_with(EXTENSION) { name.to_owned() } else { joined(name, MAP) };
+            let object = if name.ends_with(MAP_EXTENSION) { name.to_owned() } else { joined(name, MAP) };
             let Some(local) = copied(blobs, &object, cache, report)? else {
                 bail!(
                     "{}: there is no map\nhint: name a map.mcap, the folder that holds one, or as {bucket}/FOLDER/* all that a folder has",
@@ -71,17 +67,6 @@ fn parted(uri: &str) -> (&str, &str) {
 
 fn joined(folder: &str, name: &str) -> String {
     if folder.is_empty() { name.to_owned() } else { format!("{folder}/{name}") }
-}
-
-/// The maps right under a prefix, which ends with `/` unless it is empty, or in folders right under it.
-fn maps_among(names: &[String], prefix: &str) -> Vec<String> {
-    let is_map =
-        |name: &&String| match name.strip_prefix(prefix).map(|within| (within, within.split_once('/'))) {
-            Some((_, Some((_, file)))) => file == MAP,
-            Some((within, None)) => within.ends_with(EXTENSION),
-            None => false,
-        };
-    names.iter().filter(is_map).cloned().collect()
 }
 
 /// The file of an object, which is copied if it is not there; nothing where there is no such object.
@@ -129,20 +114,5 @@ mod tests {
     fn a_uri_is_a_bucket_and_a_name() {
         assert_eq!(parted("s3://bucket/a/map.mcap"), ("s3://bucket", "a/map.mcap"));
         assert_eq!(parted("gs://bucket"), ("gs://bucket", ""));
-    }
-
-    #[test]
-    fn maps_under_a_prefix_are_files_there_and_maps_of_folders() {
-        let names = [
-            "out/a.mcap",
-            "out/b/map.mcap",
-            "out/b/other.mcap",
-            "out/c/d/map.mcap",
-            "out/e.ply",
-            "outer/map.mcap",
-        ];
-        let names = names.map(str::to_owned);
-        assert_eq!(maps_among(&names, "out/"), ["out/a.mcap", "out/b/map.mcap"]);
-        assert_eq!(maps_among(&names[5..], ""), ["outer/map.mcap"]);
     }
 }

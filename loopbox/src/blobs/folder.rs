@@ -65,9 +65,14 @@ impl Blobs for FolderBlobs {
     }
 
     fn list(&self, prefix: &str) -> Result<Vec<String>> {
-        let (mut names, mut folders) = (Vec::new(), vec![String::new()]);
+        let first = prefix.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
+        let (mut names, mut folders) = (Vec::new(), vec![first]);
         while let Some(within) = folders.pop() {
             let entries = fs::read_dir(self.file(&within)).and_then(Iterator::collect::<io::Result<Vec<_>>>);
+            if entries.as_ref().is_err_and(|error| error.kind() == ErrorKind::NotFound) && !within.is_empty()
+            {
+                continue;
+            }
             for entry in entries.with_context(|| format!("{}: cannot be read", self.address(&within)))? {
                 // What is on its way begins with a dot.
                 let Some(last) =

@@ -22,6 +22,11 @@ pub use uri::{LocalMap, Place, local_files, local_maps, local_pair, open};
 use anyhow::Result;
 use std::fmt::Debug;
 
+/// The map of a folder of results.
+const MAP: &str = "map.mcap";
+/// How other names of maps end.
+const MAP_EXTENSION: &str = ".mcap";
+
 /// Immutable objects by name. A name is one or several words with `/` between them, none of which begins with a dot.
 ///
 /// # Errors
@@ -41,4 +46,15 @@ pub trait Blobs: Debug + Send + Sync {
 
     /// Where an object is or would be, for people.
     fn address(&self, name: &str) -> String;
+}
+
+/// The maps right under a prefix, which ends with `/` unless it is empty, or in folders right under it.
+pub(crate) fn maps_among(names: &[String], prefix: &str) -> Vec<String> {
+    let is_map =
+        |name: &&String| match name.strip_prefix(prefix).map(|within| (within, within.split_once('/'))) {
+            Some((_, Some((_, file)))) => file == MAP,
+            Some((within, None)) => within.ends_with(MAP_EXTENSION),
+            None => false,
+        };
+    names.iter().filter(is_map).cloned().collect()
 }

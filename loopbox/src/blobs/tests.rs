@@ -14,6 +14,8 @@ pub(super) fn keeps_what_is_put_first(blobs: &dyn Blobs) {
     assert!(blobs.has("a.x").unwrap() && blobs.get("a.x").unwrap().unwrap().is_empty());
     assert_eq!(blobs.list("").unwrap(), ["a.x", "b/one.x", "b/two.x"]);
     assert_eq!(blobs.list("b/o").unwrap(), ["b/one.x"]);
+    assert_eq!(blobs.list("b/").unwrap(), ["b/one.x", "b/two.x"]);
+    assert!(blobs.list("none/").unwrap().is_empty());
     assert!(blobs.list("c").unwrap().is_empty() && blobs.address("b/two.x").contains("b/two.x"));
 }
 
@@ -52,4 +54,19 @@ fn what_is_in_memory_is_forgotten_where_it_is_not_wanted() {
     ["a", "b"].iter().for_each(|name| blobs.put(name, b"1").unwrap());
     blobs.retain(|name| name == "b");
     assert_eq!(blobs.list("").unwrap(), ["b"]);
+}
+
+#[test]
+fn maps_under_a_prefix_are_files_there_and_maps_of_folders() {
+    let names = [
+        "out/a.mcap",
+        "out/b/map.mcap",
+        "out/b/other.mcap",
+        "out/c/d/map.mcap",
+        "out/e.ply",
+        "outer/map.mcap",
+    ];
+    let names = names.map(str::to_owned);
+    assert_eq!(maps_among(&names, "out/"), ["out/a.mcap", "out/b/map.mcap"]);
+    assert_eq!(maps_among(&names[5..], ""), ["outer/map.mcap"]);
 }

@@ -44,7 +44,7 @@ struct Agent {
     /// Whether the agent's run is over.
     finished: bool,
     /// Its file, once that is written.
-    file: Option<MapDigest>,
+    file: Option<(PathBuf, MapDigest)>,
     /// A camera's map to be merged; nothing while there is too little of it.
     images: Option<Input>,
     /// The same of a LiDAR's; nothing while it is lent.
@@ -116,6 +116,11 @@ impl Maps {
         such.all(|agent| agent.whole && agent.finished)
     }
 
+    /// The files of the maps that are written: those that will not change any more.
+    pub fn written(&self) -> impl Iterator<Item = (&Path, &MapDigest)> {
+        self.agents.values().filter_map(|agent| agent.file.as_ref().map(|(path, digest)| (&**path, digest)))
+    }
+
     /// The cameras' maps of which there is enough: those in metres first, as `loopbox merge` has it, then the eldest.
     pub fn of_cameras(&self) -> Inputs<Input> {
         let of_agents = self.agents.iter().filter_map(|(identity, agent)| {
@@ -124,7 +129,7 @@ impl Maps {
             Some((key, Content { agent: *identity, hash }, agent.state(), input))
         });
         let mut all = Inputs::in_order(of_agents);
-        let file = |content: &Content| self.agents.get(&content.agent)?.file.clone();
+        let file = |content: &Content| Some(self.agents.get(&content.agent)?.file.as_ref()?.1.clone());
         all.files = all.contents.iter().map(file).collect();
         for number in 1..all.inputs.len() {
             let (before, after) = all.inputs.split_at_mut(number);
@@ -227,7 +232,7 @@ impl Agent {
         self.file = None;
         if is_done {
             save(&path, &made.map).map_err(NotUpdated::Unwritten)?;
-            self.file = Some(MapDigest::of(&path).map_err(NotUpdated::Unwritten)?);
+            self.file = Some((path.clone(), MapDigest::of(&path).map_err(NotUpdated::Unwritten)?));
         }
         self.sensor = made.map.sensor();
         (self.images, self.scans) = (None, None);

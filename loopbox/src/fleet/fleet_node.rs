@@ -2,6 +2,7 @@
 
 use super::collecting::Collector;
 use super::common_listener::CommonListener;
+use super::options::FleetOptions;
 use super::publishing::{MapPublisher, PublishingThread};
 use super::received_results::ReceivedResults;
 use super::saying::Saying;
@@ -34,27 +35,6 @@ const LOOK: Duration = Duration::from_millis(100);
 const KEEPING: Duration = Duration::from_secs(10);
 /// How often the file is written.
 const STATUS_INTERVAL: Duration = Duration::from_secs(1);
-
-/// How a peer is to be.
-#[derive(Clone, Debug)]
-pub struct FleetOptions {
-    /// Folder for the results.
-    pub out: PathBuf,
-    /// Replace results of something else in that folder.
-    pub force: bool,
-    /// What people call it.
-    pub name: String,
-    /// Whether it has no map of its own, and is there to collect those of others.
-    pub is_station: bool,
-    /// Whether a run works beside it, to which it gives way.
-    pub in_background: bool,
-    /// Where it listens.
-    pub listen: Option<Endpoint>,
-    /// Whom it dials.
-    pub dial: Vec<Endpoint>,
-    /// The folder of its keys; without them it reaches nobody beyond this machine.
-    pub keys: Option<PathBuf>,
-}
 
 /// A peer at work.
 pub struct Fleet {
@@ -110,9 +90,13 @@ impl Fleet {
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
         let folder = if options.is_station { options.out.clone() } else { options.out.join(COMMON) };
-        let collector =
+        let mut collector =
             Collector::new(&folder, options.force, options.in_background)?.with_listeners(listeners);
         let shared = Arc::new(Shared { enough, report: Some(Box::new(report)), ..Shared::default() });
+        if let Some(store) = &options.store {
+            let of_store = Arc::clone(&shared);
+            collector = collector.sharing(store, move |text| of_store.trouble(text))?;
+        }
         let for_notices = Arc::clone(&shared);
         let service = ServiceOptions {
             folder: options.out.join(OBJECTS),

@@ -30,6 +30,7 @@ impl Pairing {
             parsed.map_err(|error| anyhow::anyhow!("[fleet]: {text}: {error}"))
         };
         let options = FleetOptions {
+            store: None,
             out: config.out.join(FOLDER),
             force: false,
             name: fleet.name.clone().unwrap_or_else(|| name.to_owned()),

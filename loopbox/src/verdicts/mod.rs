@@ -4,6 +4,8 @@
 //! called by the SHA-256 of both maps' files, the parameters and the version of the method ([`VerdictKey`]), any process on any machine may
 //! find it, and [`Verdicts`] keeps it for all others. A verdict that is found twice is the same to the byte, and the first stays.
 
+#[cfg(feature = "fleet")]
+pub(crate) mod check;
 mod find;
 #[cfg(test)]
 mod tests;
@@ -47,6 +49,11 @@ impl MapDigest {
         let mut copied = || io::copy(&mut File::open(&file)?, &mut digest);
         copied().with_context(|| format!("{}: cannot be read", file.display()))?;
         Ok(Self(hex(&digest.finalize())))
+    }
+
+    /// That of a map's file that holds these bytes.
+    pub(crate) fn of_bytes(bytes: &[u8]) -> Self {
+        Self(hex(&Sha256::digest(bytes)))
     }
 
     /// That of a map that is in no file, by the hash of what it holds.
@@ -242,7 +249,7 @@ impl<'a> CameraVerdicts<'a> {
     }
 
     /// What the verdict on two inputs is called.
-    fn key(&self, pair: [usize; 2]) -> VerdictKey {
+    pub fn key(&self, pair: [usize; 2]) -> VerdictKey {
         VerdictKey::of_cameras(pair.map(|map| &self.maps[map]), self.params)
     }
 

@@ -28,6 +28,7 @@ use super::scans::ScanCollector;
 use super::waiting::Waits;
 use crate::merging::Share;
 use crate::results::{Owner, Results, is_of_the_disk};
+use crate::store::Store;
 use anyhow::Result;
 use fleet::merge_results::MergeResults;
 use fleet::service::Service;
@@ -116,6 +117,15 @@ impl Collector {
         Self { listeners, ..self }
     }
 
+    /// The same, with a store that maps of runs which have ended and verdicts on them are shared in; `warn` is told what goes wrong with it.
+    ///
+    /// # Errors
+    /// When the store cannot be used, or a thread not be started.
+    pub fn sharing(mut self, store: &Path, warn: impl Fn(&str) + Send + 'static) -> Result<Self> {
+        self.whole.share(Store::at(store)?, warn)?;
+        Ok(self)
+    }
+
     /// Tells those who hear of the common maps that some time went by.
     pub fn tick(&mut self) {
         self.listeners.iter_mut().for_each(|listener| listener.tick());
@@ -195,6 +205,11 @@ impl Collector {
         }
         self.request_write();
         merged = self.merge(&step, OptimiseWhen::Now, true, false)?.or(merged);
+        if !self.whole.end_sharing(ENDING) {
+            warn(
+                "not all is in the store yet\nhint: start the station again in this folder, and it puts the rest",
+            );
+        }
         Ok(merged.or_else(|| optimised.then(|| self.all_found())))
     }
 
@@ -308,6 +323,7 @@ impl Collector {
                 Err(NotUpdated::Wrong(reason)) => step.leave_out(snapshot.agent, reason),
                 Err(NotUpdated::Unwritten(error)) => return Err(error),
             }
+            self.whole.offer();
         }
         Ok(true)
     }

@@ -1,6 +1,6 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
-use super::keeping::Keeper;
+use super::keeping::{Asked, Keeper};
 use super::merger::{Looking, Merger, merged_pairs};
 use super::optimisation::{Job, Outcome, optimise};
 use super::planning::Planner;
@@ -15,12 +15,13 @@ use crate::fleet::merge_results::found;
 use crate::fleet::remembering::Content;
 use crate::merging::{Input, pairs};
 use crate::results::Results;
+use crate::store::{Sharing, Store};
 use anyhow::Result;
 use fleet::merge_results::MergeResults;
 use map::{Identity, SensorKind};
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What is known by whole maps.
 pub(super) struct Whole {
@@ -39,6 +40,9 @@ pub(super) struct Whole {
     pub is_new: bool,
     /// Where verdicts on maps that will not change any more are kept.
     verdicts: PathBuf,
+    /// The store that maps and verdicts are shared in, if there is one.
+    sharing: Option<Sharing>,
+    asked: Asked,
     optimiser: Worker<Outcome>,
     /// Where the common map is written; away while it is settled.
     results: Option<Results>,
@@ -97,10 +101,33 @@ impl Whole {
             may_join,
             is_new,
             verdicts,
+            sharing: None,
+            asked: Asked::default(),
             optimiser,
             results,
             states,
         })
+    }
+
+    /// The same, with a store that maps of runs which have ended and verdicts on them are shared in; `warn` is told what goes wrong with it.
+    ///
+    /// # Errors
+    /// When the store cannot be used, or a thread not be started.
+    pub fn share(&mut self, store: Store, warn: impl Fn(&str) + Send + 'static) -> Result<()> {
+        self.sharing = Some(Sharing::start(store, &self.verdicts, warn)?);
+        Ok(())
+    }
+
+    /// Has the maps of runs which have ended put into the store.
+    pub fn offer(&self) {
+        if let Some(sharing) = &self.sharing {
+            sharing.offer(self.maps.written());
+        }
+    }
+
+    /// Puts what is left into the store, for no longer than `patience`; whether all is there.
+    pub fn end_sharing(&mut self, patience: Duration) -> bool {
+        self.sharing.take().is_none_or(|mut sharing| sharing.finish(patience))
     }
 
     /// Something came.
@@ -126,6 +153,7 @@ impl Whole {
         let is_due =
             self.states.optimised != self.states.now && (at_rest || table.may_optimise(self.is_left, now));
         self.is_new |= is_due && self.optimiser.is_idle();
+        self.is_new |= self.sharing.as_ref().is_some_and(Sharing::has_come);
     }
 
     /// Merges what is new or left; whether anything is to be told.
@@ -151,7 +179,11 @@ impl Whole {
         let Round { step, components, .. } = *round;
         let folder = self.verdicts.clone();
         let keeper = Keeper { folder: &folder, maps: &maps, params: &merger.params, warn: step.warn };
-        let is_recalled = exactly && keeper.recall(&mut self.maps.memory);
+        let has_come = self.sharing.as_ref().is_some_and(|sharing| {
+            keeper.ask(&self.maps.memory, sharing, &mut self.asked, exactly);
+            sharing.take_come()
+        });
+        let is_recalled = (exactly || has_come) && keeper.recall(&mut self.maps.memory);
         let places = self.maps.memory.remove_places(contents);
         let look = |comes: &(dyn Fn() -> bool + Sync)| {
             let is_awaited = || round.is_awaited || comes();
@@ -290,7 +322,6 @@ mod tests {
     use map::Uuid;
     use std::io::{Error, ErrorKind};
     use std::path::Path;
-    use std::time::Duration;
 
     fn agent(number: u128) -> Identity {
         Identity { uuid: Uuid::from_u128(number), epoch: 0 }
