@@ -124,7 +124,10 @@ impl Exposition {
         let help = "Peers with which there is a link.";
         self.gauge("loopbox_fleet_peers_connected", help, one(connected as f64));
         let help = "Peers that are known, connected or not.";
-        self.gauge("loopbox_fleet_peers_known", help, one(near.links.len() as f64));
+        self.gauge("loopbox_fleet_peers_known", help, one(peers(near).count() as f64));
+        let help = "Addresses that are dialled and at which nobody answers.";
+        let unanswered = near.links.len() - peers(near).count();
+        self.gauge("loopbox_fleet_addresses_unanswered", help, one(unanswered as f64));
         let up = |link: &Neighbour| u64::from(link.address.is_some());
         self.gauge("loopbox_fleet_peer_up", "Links to a peer.", by_peer(near, up));
         let help = "Bytes of objects that came from a peer.";
@@ -154,10 +157,15 @@ impl Exposition {
     }
 }
 
+/// The neighbours, without the addresses at which nobody answers: who would is not known, or is a neighbour beside.
+fn peers(near: &Neighbourhood) -> impl Iterator<Item = &Neighbour> {
+    near.links.iter().filter(|link| link.why.is_none())
+}
+
 /// A number of each peer by its name; of peers of one name their sum.
 fn by_peer(near: &Neighbourhood, number: impl Fn(&Neighbour) -> u64) -> Vec<(Labels<'_>, f64)> {
     let mut sums: BTreeMap<&str, u64> = BTreeMap::new();
-    for link in &near.links {
+    for link in peers(near) {
         *sums.entry(&link.name).or_default() += number(link);
     }
     sums.into_iter().map(|(name, sum)| (vec![("peer", name)], sum as f64)).collect()
@@ -253,7 +261,10 @@ mod tests {
         let pairs = BTreeMap::from([("accepted".to_owned(), 2), ("not yet".to_owned(), 7)]);
         let counts = FleetCounts { maps: 3, finished: 1, joined: 2, missing: 40, pairs };
         let odd = "a \"robot\" in C:\\yard\nof two lines";
+        let nobody =
+            Neighbour { why: Some("Connection refused".into()), ..link("tls/base:7447", None, 0, 0) };
         let links = vec![
+            nobody,
             link(odd, Some("tls/10.0.0.7:7447"), 1000, 10),
             link("car", None, 5, 0),
             link("car", None, 6, 0),
@@ -306,6 +317,9 @@ mod tests {
         );
         assert_eq!(value("loopbox_fleet_lacking_objects", &[("peer", "car")]), 6.0);
         assert_eq!(value("loopbox_fleet_peers_connected", &[]), 1.0);
+        assert_eq!(value("loopbox_fleet_peers_known", &[]), 3.0);
+        assert_eq!(value("loopbox_fleet_addresses_unanswered", &[]), 1.0);
+        assert_eq!(families["loopbox_fleet_peer_up"].1.len(), 2, "an address is no peer");
         assert_eq!(value("loopbox_fleet_pairs", &[("state", "not_yet")]), 7.0);
         assert_eq!(value("loopbox_fleet_missing_objects", &[]), 40.0);
     }
