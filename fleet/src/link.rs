@@ -5,6 +5,10 @@
 //! urgent waits no longer. Without the round trip a link of two seconds' delay would starve itself: half a second's worth
 //! every two seconds is a quarter of the rate, and so on down. Where messages are lost, as much more is under way as it
 //! takes for as much to come back.
+//!
+//! A link mostly keeps the order and loses nothing, as TCP does: what is late comes once a link that stands still goes on. So a
+//! request is repeated only where one that was sent later is answered, or where nothing at all is for long while the neighbour is
+//! heard. Where answers are overtaken, the link is one that loses messages, and what is late is repeated.
 
 use crate::hash::ObjectHash;
 use crate::wire::{MAX_PART, Message};
@@ -28,6 +32,13 @@ const LARGEST_BEGUN: usize = 128 << 20;
 const FIRST_PATIENCE: Duration = Duration::from_secs(2);
 const LEAST_PATIENCE: Duration = Duration::from_millis(200);
 const MOST_PATIENCE: Duration = Duration::from_secs(20);
+/// How many times as long nothing at all may be answered, and how long at the least.
+const UNANSWERED: u32 = 4;
+const LEAST_UNANSWERED: Duration = Duration::from_secs(2);
+/// Share of requests whose answer was overtaken from which on a link loses messages.
+const LOSSY: f64 = 0.02;
+/// A link on which nothing is heard for so long stands still: a neighbour says every second who it is ([`BEAT`](crate::node::BEAT)).
+const STILL: Duration = Duration::from_millis(1500);
 /// By how much the window is larger than what the link carried: without it a rate would never be found to be higher
 /// (BBR's gain).
 const PROBE: f64 = 1.25;
@@ -75,6 +86,8 @@ struct Begun {
 
 /// A request without an answer yet.
 struct Request {
+    /// Which of all that were sent.
+    number: u64,
     hash: ObjectHash,
     first: usize,
     blocks: usize,
@@ -89,6 +102,9 @@ pub struct Fetch {
     places: HashMap<ObjectHash, usize>,
     begun: BTreeMap<ObjectHash, Begun>,
     outstanding: Vec<Request>,
+    /// How many requests were sent, and the last of them that was answered.
+    sent: u64,
+    last_answered: u64,
     pace: Pace,
     /// Bytes of parts that came, wanted or not.
     pub received: u64,
@@ -123,19 +139,34 @@ impl Fetch {
         self.pace = Pace::default();
     }
 
-    /// The neighbour is heard again after a silence: what is late is asked for again at once.
-    pub fn resumed(&mut self) {
-        self.pace.backoff = 0;
+    /// The neighbour said something, whatever it is.
+    pub fn heard(&mut self, now: Duration) {
+        self.pace.heard(now);
+    }
+
+    /// Whether a request, or what answers it, was lost.
+    fn is_lost(&self, request: &Request, now: Duration) -> bool {
+        let waited = now.saturating_sub(request.sent);
+        let is_unanswered = || waited > self.pace.patience_unanswered() && self.pace.is_unanswered(now);
+        waited > self.pace.patience()
+            && (self.is_overtaken(request) || self.pace.overtaken > LOSSY || is_unanswered())
+    }
+
+    /// Whether one that was sent later is answered.
+    fn is_overtaken(&self, request: &Request) -> bool {
+        request.number < self.last_answered
     }
 
     /// What to ask for now.
     pub fn requests(&mut self, now: Duration) -> Vec<Message> {
-        let patience = self.pace.patience();
-        let late: Vec<Request> =
-            self.outstanding.extract_if(.., |request| now.saturating_sub(request.sent) > patience).collect();
-        if !late.is_empty() {
-            self.pace.were_late(now, late.len());
-            late.iter().for_each(|request| self.release(request));
+        let outstanding = std::mem::take(&mut self.outstanding);
+        let (lost, kept): (Vec<_>, _) =
+            outstanding.into_iter().partition(|request| self.is_lost(request, now));
+        self.outstanding = kept;
+        if !lost.is_empty() {
+            let overtaken = lost.iter().filter(|request| self.is_overtaken(request)).count();
+            self.pace.were_lost(now, overtaken, lost.len());
+            lost.iter().for_each(|request| self.release(request));
         }
         let mut room = self.pace.window().saturating_sub(self.outstanding_bytes());
         let longest = self.pace.part() / BLOCK;
@@ -166,7 +197,9 @@ impl Fetch {
                 let blocks = run.count();
                 begun.blocks[first..first + blocks].fill(BlockState::Requested);
                 let length = (begun.bytes.len() - first * BLOCK).min(blocks * BLOCK);
-                self.outstanding.push(Request { hash: want.hash, first, blocks, sent: now });
+                self.sent += 1;
+                let (number, hash) = (self.sent, want.hash);
+                self.outstanding.push(Request { number, hash, first, blocks, sent: now });
                 let (offset, length) = ((first * BLOCK) as u32, length as u32);
                 asked.push(Message::Get { hash: want.hash, offset, length });
                 room = room.saturating_sub(blocks * BLOCK);
@@ -182,6 +215,7 @@ impl Fetch {
         let matching = |request: &Request| request.hash == *hash && request.first == first;
         let answered = self.outstanding.iter().position(matching).map(|at| self.outstanding.swap_remove(at));
         let round_trip = answered.as_ref().map(|request| now.saturating_sub(request.sent));
+        self.last_answered = answered.as_ref().map_or(0, |request| request.number).max(self.last_answered);
         self.pace.came(now, part.len(), round_trip, !self.outstanding.is_empty());
         let fits = |begun: &&mut Begun| {
             let end = offset as usize + part.len();
@@ -256,8 +290,12 @@ struct Pace {
     smoothed: Option<(f64, f64)>,
     /// Share of requests that are answered in time.
     answered: f64,
-    /// When the last answer came, or patience grew.
+    /// Share of them whose answer does not come though that of a later one does.
+    overtaken: f64,
+    /// When the last answer came, patience grew, or the link went on after it stood still.
     answer: Duration,
+    /// When the neighbour was heard last.
+    heard: Duration,
     /// How often patience was doubled since the last answer.
     backoff: u32,
     since: Option<Duration>,
@@ -269,8 +307,10 @@ struct Pace {
 impl Default for Pace {
     fn default() -> Self {
         let (least, smoothed, since) = (None, None, None);
-        let answer = Duration::ZERO;
-        Self { rate: 0.0, least, smoothed, answered: 1.0, answer, backoff: 0, since, bytes: 0, busy: true }
+        let (answer, heard) = Default::default();
+        let (rate, answered, overtaken) = (0.0, 1.0, 0.0);
+        let (backoff, bytes, busy) = (0, 0, true);
+        Self { rate, least, smoothed, answered, overtaken, answer, heard, backoff, since, bytes, busy }
     }
 }
 
@@ -279,6 +319,7 @@ impl Pace {
         if let Some(round_trip) = round_trip {
             (self.backoff, self.answer) = (0, now);
             self.answered += (1.0 - self.answered) * ANSWER_GAIN;
+            self.overtaken -= self.overtaken * ANSWER_GAIN;
             self.least = Some(self.least.map_or(round_trip, |least| least.min(round_trip)));
             let seconds = round_trip.as_secs_f64();
             self.smoothed = Some(match self.smoothed {
@@ -324,9 +365,31 @@ impl Pace {
         (known * (1 << self.backoff)).min(MOST_PATIENCE)
     }
 
-    /// So many requests were not answered in time. Where nothing at all is answered, one waits twice as long.
-    fn were_late(&mut self, now: Duration, count: usize) {
-        let share = self.answered * (1.0 - ANSWER_GAIN).powi(count.min(100) as i32);
+    /// How long nothing at all may be answered.
+    fn patience_unanswered(&self) -> Duration {
+        (self.patience() * UNANSWERED).max(LEAST_UNANSWERED).min(MOST_PATIENCE)
+    }
+
+    /// Whether nothing at all was answered for long, by a neighbour that is heard.
+    fn is_unanswered(&self, now: Duration) -> bool {
+        let is_still = now.saturating_sub(self.heard) > STILL;
+        !is_still && now.saturating_sub(self.answer) > self.patience_unanswered()
+    }
+
+    /// The neighbour is heard. Time in which the link stood still does not count: what was under way comes now.
+    fn heard(&mut self, now: Duration) {
+        let silent = now.saturating_sub(self.heard);
+        if silent > STILL {
+            (self.backoff, self.answer) = (0, (self.answer + silent).min(now));
+        }
+        self.heard = now;
+    }
+
+    /// So many requests were lost, so many of them overtaken. Where nothing at all is answered, one waits twice as long.
+    fn were_lost(&mut self, now: Duration, overtaken: usize, count: usize) {
+        let kept = |count: usize| (1.0 - ANSWER_GAIN).powi(count.min(100) as i32);
+        self.overtaken = 1.0 - (1.0 - self.overtaken) * kept(overtaken);
+        let share = self.answered * kept(count);
         self.answered = share.max(LEAST_ANSWERED);
         if now.saturating_sub(self.answer) > self.patience() {
             (self.backoff, self.answer) = ((self.backoff + 1).min(4), now);

@@ -129,6 +129,8 @@ pub struct Network {
     pub faults: Faults,
     /// From whom to whom nothing comes.
     pub cut: Vec<(usize, usize)>,
+    /// From when until when no link carries anything: what is sent then comes afterwards, in its order.
+    pub still: Option<[Duration; 2]>,
     pub notices: Vec<Vec<Notice>>,
     /// Bytes of parts of objects that were sent.
     pub parts_sent: u64,
@@ -185,6 +187,7 @@ impl Network {
             stores,
             faults,
             cut: Vec::new(),
+            still: None,
             parts_sent: 0,
             sent: 0,
             closed: 0,
@@ -262,6 +265,7 @@ impl Network {
         self.sent += bytes.len() as u64;
         let free = self.free.entry((link, to)).or_default();
         let begin = self.now.max(*free);
+        let begin = self.still.filter(|[from, to]| (*from..*to).contains(&begin)).map_or(begin, |[_, to]| to);
         self.waited = self.waited.max(begin - self.now);
         *free = begin + Duration::from_secs_f64(bytes.len() as f64 / self.faults.rate);
         let there = *free;

@@ -316,6 +316,22 @@ fn what_was_interrupted_resumes_where_it_was() {
     }
 }
 
+/// TCP keeps the order and loses nothing: what was asked for before a link stood still comes once it goes on.
+#[test]
+fn nothing_comes_twice_over_a_link_that_stands_still_for_some_seconds() {
+    for (rate, still) in [(1e6, 700), (1e6, 3000), (1e6, 7000), (12.5e6, 1200), (100e3, 5000)] {
+        let (mut network, map, _) = publishing_network(60, 8, Faults { rate, ..Faults::NONE });
+        let begun = MILLIS(if rate > 1e7 { 100 } else { 800 });
+        network.still = Some([begun, begun + MILLIS(still)]);
+        network.run_until(begun + MILLIS(still / 2), |_| false);
+        assert!(!network.nodes[1].is_acknowledged(), "it is over before the link stands still");
+        assert!(network.run_until(SECONDS(60), |network| network.nodes[1].is_acknowledged()));
+        assert!(network.whole(0, agent(7)).unwrap() == map);
+        let neighbour = network.nodes[0].status(network.now).neighbours[0].clone();
+        assert_eq!((neighbour.useless, network.closed), (0, 0), "{rate} bytes/s, {still} ms: {neighbour:?}");
+    }
+}
+
 #[test]
 fn a_slow_link_stays_open_and_states_come_through() {
     // 64 kbit/s.

@@ -42,8 +42,6 @@ use std::time::Duration;
 pub const BEAT: Duration = Duration::from_secs(1);
 /// A link on which nothing was heard for so long is closed. Eight beats: at 20 % loss one in 400,000 times by chance.
 pub const SILENCE: Duration = Duration::from_secs(8);
-/// After a silence so long what is late is asked for again at once: a link that was cut works again.
-const CUT: Duration = Duration::from_millis(2500);
 /// States of maps, of one's own and of those one holds, that are said in one beat: the others' turn comes later.
 const STATES: usize = 2;
 /// Nothing is fetched while so many bytes of what came are not on the disk yet.

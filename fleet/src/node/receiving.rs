@@ -1,6 +1,6 @@
 //! What a node makes of what neighbours say.
 
-use super::{ASK_AGAIN, Action, BAN_DURATION, CUT, LINKS_OF_PEER, Link, LinkId, Node, Notice, part_of};
+use super::{ASK_AGAIN, Action, BAN_DURATION, LINKS_OF_PEER, Link, LinkId, Node, Notice, part_of};
 use crate::bytes::printable;
 use crate::keys::Peer;
 use crate::link::PartOutcome;
@@ -40,9 +40,11 @@ impl Node {
 
     pub(super) fn handle_message(&mut self, now: Duration, link: LinkId, message: Message) {
         let Some(known) = self.links.get_mut(&link) else { return };
-        let silent = now.saturating_sub(known.last_received);
         known.last_received = now;
         let node = known.node;
+        if let Some(neighbour) = node.and_then(|node| self.neighbours.get_mut(&node)) {
+            neighbour.fetch.heard(now);
+        }
         let is_push =
             !matches!(message, Message::Get { .. } | Message::Part { .. } | Message::Missing { .. });
         if is_push && let Err(reason) = known.bucket.one_more(now) {
@@ -65,9 +67,6 @@ impl Node {
         // Before it said who it is, nothing is believed; it will say it again.
         let Some(node) = node else { return };
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
-        if silent > CUT {
-            neighbour.fetch.resumed();
-        }
         match message {
             Message::Hello { .. } | Message::Speaks { .. } | Message::Refused { .. } => {}
             Message::State { version, signature } => self.handle_version(link, node, version, signature),

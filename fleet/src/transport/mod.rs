@@ -1,6 +1,7 @@
 //! What carries messages between nodes: links that come and go, on which messages may be lost.
 
 mod backlog;
+mod congestion;
 mod endpoint;
 mod queue;
 mod stream;

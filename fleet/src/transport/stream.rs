@@ -16,7 +16,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 
 /// A connection and what waits to be sent on it. One thread reads it, another one writes.
 pub(super) struct Stream {
-    socket: TcpStream,
+    pub socket: TcpStream,
     session: Option<Mutex<Connection>>,
     pub queue: Queue,
     pub backlog: Backlog,

@@ -4,6 +4,7 @@
 //! On a plain one nothing is encrypted and nobody proves who he is, so neither end is ever another machine's.
 
 use super::Transport;
+use super::congestion::prefer_bbr;
 use super::endpoint::Endpoint;
 use super::stream::Stream;
 use super::tls::{Side, Tls, disconnect_reason};
@@ -89,6 +90,13 @@ impl Tcp {
     /// Where it listens.
     pub fn listening(&self) -> Option<&Endpoint> {
         self.listening.as_ref()
+    }
+
+    /// The congestion control of each link.
+    #[cfg(all(test, target_os = "linux"))]
+    pub fn congestion(&self) -> Vec<String> {
+        let of = |stream: &Arc<Stream>| rustix::net::sockopt::tcp_congestion(&stream.socket).unwrap();
+        self.shared.links().values().map(of).collect()
     }
 }
 
@@ -211,6 +219,7 @@ impl Shared {
     /// Makes a connection one that messages can go over, and finds out who is at the other end.
     fn open(&self, socket: &TcpStream, side: Side) -> std::io::Result<(Stream, Option<Peer>)> {
         socket.set_nodelay(true)?;
+        prefer_bbr(socket);
         socket.set_nonblocking(false)?;
         socket.set_write_timeout(Some(LOOK))?;
         socket.set_read_timeout(Some(LOOK))?;

@@ -114,6 +114,22 @@ fn dialled(at: &Endpoint, keys: Option<&Keys>) -> (Tcp, Receiver<Event>, u64) {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn both_ends_of_a_link_have_the_congestion_control_that_is_asked_for() {
+    for secure in [false, true] {
+        let keys = secure.then(|| keys(["a", "b"]));
+        let [a, b] = [0, 1].map(|number| keys.as_ref().map(|keys| &keys[number]));
+        let at: Endpoint = if secure { "tls/127.0.0.1:0" } else { "tcp/127.0.0.1:0" }.parse().unwrap();
+        let (events, _happened) = channel();
+        let there = Tcp::start(Some(&at), &[], a, events).unwrap();
+        let (here, _news, _link) = dialled(there.listening().unwrap(), b);
+        wait(|| !there.congestion().is_empty());
+        let expected = crate::transport::congestion::tests::expected();
+        assert_eq!([here.congestion(), there.congestion()], [[&*expected], [&*expected]], "secure: {secure}");
+    }
+}
+
+#[test]
 fn who_sends_more_than_is_looked_at_waits() {
     for secure in [false, true] {
         let keys = secure.then(|| keys(["a", "b"]));

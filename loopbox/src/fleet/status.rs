@@ -6,12 +6,12 @@ use fleet::merge_results::{MergeResults, PairVerdict};
 use fleet::node::{AgentStatus, NeighbourStatus};
 use map::SensorKind;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-use view::watch::{Neighbour, Neighbourhood, PairLine, RemoteMap};
+use view::watch::{FleetCounts, Neighbour, Neighbourhood, PairLine, RemoteMap};
 
 /// Maps and pairs of them that a page shows at the most: what others found may be any number.
 const MAX_LISTED: usize = 200;
@@ -184,6 +184,7 @@ impl StatusFile {
             since_s: link.since_s,
             why: link.why.clone(),
             received: link.received,
+            useless: link.useless,
             wanted: link.wanted,
             rate: link.rate,
             lacks: link.lacks,
@@ -209,7 +210,28 @@ impl StatusFile {
         let (listening, trouble) = (self.listening.clone(), self.trouble.clone());
         let links = self.links.iter().map(link).collect();
         let maps = self.agents.iter().take(MAX_LISTED).map(|line| self.remote_map(line)).collect();
-        Neighbourhood { listening, links, maps, pair_verdicts, trouble }
+        Neighbourhood { listening, links, maps, pair_verdicts, trouble, counts: self.counts() }
+    }
+
+    /// How many maps others tell, how many hang together by what was found here or by others, and what was found here.
+    fn counts(&self) -> FleetCounts {
+        let mut joined: BTreeSet<&str> = BTreeSet::new();
+        for found in self.all() {
+            let mut of_root: BTreeMap<&str, usize> = BTreeMap::new();
+            found.agents.iter().for_each(|about| *of_root.entry(&about.root).or_default() += 1);
+            let several = found.agents.iter().filter(|about| of_root[&*about.root] > 1);
+            joined.extend(several.map(|about| &*about.agent));
+        }
+        let mut counts = FleetCounts { maps: self.agents.len(), ..FleetCounts::default() };
+        for line in &self.agents {
+            counts.finished += usize::from(line.finished);
+            counts.joined += usize::from(joined.contains(&*line.agent));
+            counts.missing += line.missing;
+        }
+        for pair_verdict in &self.found.pair_verdicts {
+            *counts.pairs.entry(pair_verdict.verdict.clone()).or_default() += 1;
+        }
+        counts
     }
 
     /// Another's map, as pages show it; its agent's name is known once the map was looked at.
@@ -281,6 +303,8 @@ mod tests {
         let listed = status.neighbourhood().maps;
         let lines: Vec<_> = listed.iter().map(|map| (&*map.name, map.missing, map.is_joined)).collect();
         assert_eq!(lines, [("the a", 0, true), ("the b", 4, true), ("the c", 0, false), ("car", 0, false)]);
+        let FleetCounts { maps, finished, joined, missing, .. } = status.neighbourhood().counts;
+        assert_eq!((maps, finished, joined, missing), (4, 0, 2, 4));
     }
 
     #[test]
@@ -312,5 +336,8 @@ mod tests {
             .remote_results
             .push(("y".into(), remote_results(found((10..100_000).map(|other| [1, other]), "refused"))));
         assert_eq!(status.neighbourhood().pair_verdicts.len(), MAX_LISTED);
+        status.found = found((10..1010).map(|other| [1, other]), "not yet");
+        let counts = status.neighbourhood().counts.pairs;
+        assert_eq!(counts, BTreeMap::from([("not yet".to_owned(), 1000)]), "all of them are counted");
     }
 }

@@ -19,6 +19,8 @@ pub struct Pending {
     pub facts: Option<Facts>,
     /// How often tracking was lost, and frames taken, since the watcher last looked.
     pub taken: u64,
+    /// How many of these were tracked.
+    pub tracked: u64,
     /// How often tracking was lost since then.
     pub lost: u64,
     /// Where the scale was not carried on, as was found since then.

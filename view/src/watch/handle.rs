@@ -187,6 +187,7 @@ impl Watch {
             pending.loops.extend(report.closed_loop.map(|(newer, older)| [newer.0, older.0]));
             pending.picture = picture.or(pending.picture.take());
             pending.taken += 1;
+            pending.tracked += u64::from(report.state == TrackingState::Tracking);
             pending.lost += u64::from(lost);
             let found = report.scale_break;
             pending.scale_breaks.extend(found.map(|of_scale| FoundBreak { frame, timestamp, of_scale }));
@@ -222,6 +223,7 @@ impl Watch {
             *pending = Pending {
                 anew: true,
                 taken: kept.taken,
+                tracked: kept.tracked,
                 lost: kept.lost,
                 scale_breaks: kept.scale_breaks,
                 restarted: kept.restarted,

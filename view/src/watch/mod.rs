@@ -23,7 +23,7 @@ pub mod web;
 
 pub use chunk::{Chunk, POINT_BYTES};
 pub use handle::{Ended, Watch, WatchOptions};
-pub use neighbourhood::{Neighbour, Neighbourhood, PairLine, RemoteMap};
+pub use neighbourhood::{FleetCounts, Neighbour, Neighbourhood, PairLine, RemoteMap};
 pub use picture::Picture;
 pub use run_page::RunPage;
 pub use scene::{Agent, Cursor, Placed, Scene, SceneUpdate, Step};

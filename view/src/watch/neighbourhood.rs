@@ -1,6 +1,7 @@
 //! Who is near an agent or a station, what is told of maps and what became of meeting, as pages show it.
 
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// The neighbours of an agent, and what was found with their maps.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -16,6 +17,24 @@ pub struct Neighbourhood {
     pub pair_verdicts: Vec<PairLine>,
     /// The last that was refused or went wrong, for people.
     pub trouble: Vec<String>,
+    /// How many there are, beyond what pages list too.
+    #[serde(skip)]
+    pub counts: FleetCounts,
+}
+
+/// How many maps and pairs of them there are.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FleetCounts {
+    /// Maps that others tell.
+    pub maps: usize,
+    /// Of these, those whose run is over.
+    pub finished: usize,
+    /// Of these, those that hang together with another one.
+    pub joined: usize,
+    /// Objects of them that are not here yet.
+    pub missing: usize,
+    /// Pairs that were looked at here, by their verdict.
+    pub pairs: BTreeMap<String, usize>,
 }
 
 /// A neighbour.
@@ -31,6 +50,9 @@ pub struct Neighbour {
     pub why: Option<String>,
     /// Bytes of its maps that came.
     pub received: u64,
+    /// Bytes of these that were here already.
+    #[serde(skip)]
+    pub useless: u64,
     /// Objects that are to be fetched from it by now.
     pub wanted: usize,
     /// The measured rate at which it sends them, bytes a second.

@@ -8,7 +8,7 @@ use slam_direct::{Frame, FrameReport};
 use sources::Stop;
 use std::path::Path;
 
-pub use neighbourhood::{Neighbour, Neighbourhood, PairLine, RemoteMap};
+pub use neighbourhood::{FleetCounts, Neighbour, Neighbourhood, PairLine, RemoteMap};
 
 /// What the user wants of the run; here nobody does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -21,6 +21,8 @@ pub struct Status {
     pub frames: Option<u64>,
     /// Frames taken so far.
     pub processed: u64,
+    /// Frames tracked so far.
+    pub tracked: u64,
     /// Frames dropped because tracking was late.
     pub dropped: u64,
     /// Times that tracking was lost.

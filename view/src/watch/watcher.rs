@@ -149,6 +149,7 @@ impl Watcher {
     fn update_status(&mut self, pending: &mut Pending) {
         let status = &mut self.status;
         status.processed += pending.taken;
+        status.tracked += pending.tracked;
         status.losses += pending.lost;
         status.loops += pending.loops.len() as u64;
         status.add_breaks(&pending.scale_breaks);

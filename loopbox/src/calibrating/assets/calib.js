@@ -2,46 +2,51 @@
 
 import { COLOURS } from "../../../../view/src/report/assets/colours.js";
 import { figures, unpack } from "../../../../view/src/report/assets/numbers.js";
-import { byId, data, element } from "../../../../view/src/report/assets/page.js";
+import { byId, contextOf, data, element } from "../../../../view/src/report/assets/page.js";
+/** @import { PackedView, Parameter, View } from "./types.js" */
 
-const views = data.views.map((view) => ({ ...view, corners: unpack(view.corners, Float32Array) }));
+/** @type {View[]} */
+const views = data.views.map((/** @type {PackedView} */ view) => ({ ...view, corners: unpack(view.corners, Float32Array) }));
 /** Each corner is x, y, dx, dy, used. */
 const STRIDE = 5;
 const [imageWidth, imageHeight] = data.size;
 
+/** @param {(corner: Float32Array, view: View) => void} visit */
 function eachCorner(visit) {
   for (const view of views) {
     for (let i = 0; i < view.corners.length; i += STRIDE) visit(view.corners.subarray(i, i + STRIDE), view);
   }
 }
 
-/** A canvas of the image's shape and its context, drawn in image pixels. */
+/** A canvas of the image's shape and its context, drawn in image pixels. @param {HTMLCanvasElement} canvas */
 function imageCanvas(canvas) {
   canvas.width = 2 * Math.min(imageWidth, 900);
   const scale = canvas.width / imageWidth;
   canvas.height = Math.round(imageHeight * scale);
-  const context = canvas.getContext("2d");
+  const context = contextOf(canvas);
   context.scale(scale, scale);
   return context;
 }
 
+/** @param {number} share */
 const colour = (share) => {
   const i = 3 * Math.round(255 * Math.min(1, Math.max(0, share)));
   return `rgb(${COLOURS.ordered[i]},${COLOURS.ordered[i + 1]},${COLOURS.ordered[i + 2]})`;
 };
 
-function drawCoverage(id, key, unit) {
-  const known = views.filter((view) => view.used && Number.isFinite(view[key]));
-  const [low, high] = [Math.min(...known.map((v) => v[key])), Math.max(...known.map((v) => v[key]))];
-  const context = imageCanvas(byId(id));
+/** Where views of which tilt or distance saw the board. @param {"tilt" | "distance"} key @param {string} unit */
+function drawCoverage(key, unit) {
+  const known = views.flatMap((view) => (view.used ? [view[key]] : [])).filter((value) => value !== null);
+  const [low, high] = [Math.min(...known), Math.max(...known)];
+  const context = imageCanvas(byId(key));
   eachCorner((c, view) => {
     if (!view.used) return;
-    context.fillStyle = colour((view[key] - low) / (high - low || 1));
+    context.fillStyle = colour(((view[key] ?? 0) - low) / (high - low || 1));
     context.beginPath();
     context.arc(c[0], c[1], imageWidth / 260, 0, 7);
     context.fill();
   });
-  byId(`${id}-scale`).textContent = `dark ${figures(low)} ${unit} to light ${figures(high)} ${unit}`;
+  byId(`${key}-scale`).textContent = `dark ${figures(low)} ${unit} to light ${figures(high)} ${unit}`;
 }
 
 function drawResiduals() {
@@ -59,7 +64,7 @@ function drawResiduals() {
   byId("residual-note").textContent = `Residuals are drawn ${figures(factor)} times as long. They should point anywhere: a pattern over the image means that the model does not fit the lens.`;
   const canvas = byId("scatter");
   canvas.width = canvas.height = 600;
-  const plot = canvas.getContext("2d");
+  const plot = contextOf(canvas);
   const reach = 4 * data.rms;
   plot.strokeStyle = "#8888";
   for (const k of [1, 2, 3]) {
@@ -78,36 +83,39 @@ function drawBars() {
   const canvas = byId("bars");
   canvas.width = 1600;
   canvas.height = 240;
-  const context = canvas.getContext("2d");
-  const shown = views.filter((view) => view.rms !== null);
-  const top = Math.max(...shown.map((view) => view.rms), 1e-9);
+  const context = contextOf(canvas);
+  const shown = views.flatMap(({ used, rms }) => (rms === null ? [] : [{ used, rms }]));
+  const top = Math.max(...shown.map(({ rms }) => rms), 1e-9);
   const step = canvas.width / Math.max(shown.length, 1);
-  shown.forEach((view, i) => {
-    context.fillStyle = view.used ? "#0b6bcb" : "#e0353e";
-    const height = (220 * view.rms) / top;
+  shown.forEach(({ used, rms }, i) => {
+    context.fillStyle = used ? "#0b6bcb" : "#e0353e";
+    const height = (220 * rms) / top;
     context.fillRect(i * step + 1, 240 - height, Math.max(step - 2, 1), height);
   });
 }
 
 function fillTables() {
+  /** @param {"td" | "th"} tag @param {string[]} cells */
   const row = (tag, cells) => element("tr", null, ...cells.map((cell) => element(tag, cell)));
-  const parameters = data.parameters.map((p) => row("td", [p.name, p.value, `± ${p.sigma}`]));
+  const parameters = data.parameters.map((/** @type {Parameter} */ p) => row("td", [p.name, p.value, `± ${p.sigma}`]));
   byId("parameters").append(row("th", ["parameter", "value", "uncertainty"]), ...parameters);
   const heads = ["image", "corners", "used", "rms [px]", "edge width [px]", "tilt [°]", "distance", "not used because"];
   byId("views").append(row("th", heads));
   for (const view of views) {
+    /** @param {number | null} value @param {number} digits */
     const number = (value, digits) => (value === null ? "–" : value.toFixed(digits));
     const used = view.used ? view.count : 0;
     const cells = [view.name, String(view.corners.length / STRIDE), String(used), number(view.rms, 3), number(view.edge_width, 1), number(view.tilt, 0), number(view.distance, 3), view.reason || ""];
     const line = row("td", cells);
     line.classList.toggle("rejected", !view.used);
-    line.lastChild.className = "text";
+    line.cells[line.cells.length - 1].className = "text";
     byId("views").append(line);
   }
   for (const [label, value] of data.tiles) byId("tiles").append(element("div", null, element("dt", label), element("dd", value)));
-  byId("advice").append(...data.advice.map((line) => element("li", `Would help: ${line}`)));
+  byId("advice").append(...data.advice.map((/** @type {string} */ line) => element("li", `Would help: ${line}`)));
 }
 
+/** @param {{ view: number, jpeg: string }} shot */
 function drawShot(shot) {
   const canvas = document.createElement("canvas");
   const context = imageCanvas(canvas);
@@ -115,6 +123,7 @@ function drawShot(shot) {
   image.onload = () => {
     context.drawImage(image, 0, 0, imageWidth, imageHeight);
     const c = views[shot.view].corners;
+    /** @param {number} x @param {number} y @param {number} radius @param {string} style */
     const dot = (x, y, radius, style) => {
       context.strokeStyle = style;
       context.lineWidth = imageWidth / 500;
@@ -132,8 +141,8 @@ function drawShot(shot) {
 }
 
 fillTables();
-drawCoverage("tilt", "tilt", "°");
-drawCoverage("distance", "distance", data.unit);
+drawCoverage("tilt", "°");
+drawCoverage("distance", data.unit);
 drawResiduals();
 drawBars();
 data.shots.forEach(drawShot);

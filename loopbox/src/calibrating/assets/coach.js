@@ -1,14 +1,22 @@
 // The page of a calibration that is going on.
 
-import { Drawing, byId, data, element } from "../../../../view/src/report/assets/page.js";
+import { Drawing, byId, contextOf, data, element } from "../../../../view/src/report/assets/page.js";
 import { Feed } from "../../../../view/src/watch/assets/feed.js";
+/** @import { LivePictureMessage } from "../../../../view/src/watch/assets/decode.js" */
+/** @import { Handlers } from "../../../../view/src/watch/assets/types.js" */
+/** @import { CoachStatus } from "./types.js" */
 
+/** @type {Record<string, string>} */
 const STATE_NAMES = { collecting: "collecting views", solving: "calibrating", done: "calibrated", failed: "not calibrated" };
 /** Of an image of no use, one like others, one that was taken: `coaching.rs` numbers them. */
 const MARKS = ["#ff3b46", "#3d9bff", "#2fd85c"];
 
 /** The live image with the corners found in it. */
 class LiveBoard extends Drawing {
+  /** The newest image. @type {LivePictureMessage | null} */
+  picture = null;
+
+  /** @param {LivePictureMessage} picture */
   show(picture) {
     this.picture = picture;
     this.redraw();
@@ -19,7 +27,7 @@ class LiveBoard extends Drawing {
     if (!picture) return;
     const { width, height, grey, pixels, codes, count } = picture;
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    const context = canvas.getContext("2d"), image = context.createImageData(width, height);
+    const context = contextOf(canvas), image = context.createImageData(width, height);
     const out = new Uint32Array(image.data.buffer);
     for (let i = 0; i < out.length; i++) out[i] = 0xff000000 | (grey[i] * 0x010101);
     context.putImageData(image, 0, 0);
@@ -30,12 +38,13 @@ class LiveBoard extends Drawing {
       context.arc(pixels[i * 2] + 0.5, pixels[i * 2 + 1] + 0.5, width / 110, 0, 7);
       context.stroke();
     }
-    document.documentElement.dataset.marked = count;
+    document.documentElement.dataset.marked = String(count);
   }
 }
 
 /** Where corners were seen: the cells that count, and every corner. */
 class CoverageMap extends Drawing {
+  /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     super(canvas);
     /** Corners of each view, x and y by turns as shares of the image. @type {number[][]} */
@@ -49,7 +58,8 @@ class CoverageMap extends Drawing {
     const { canvas, cells, size } = this, [columns, rows] = data.cells;
     const width = 640, height = Math.round((640 * size[1]) / size[0]);
     if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-    const context = canvas.getContext("2d"), style = getComputedStyle(document.documentElement);
+    const context = contextOf(canvas), style = getComputedStyle(document.documentElement);
+    /** @param {string} name */
     const colour = (name) => style.getPropertyValue(name).trim();
     context.clearRect(0, 0, width, height);
     const [w, h] = [width / columns, height / rows];
@@ -70,9 +80,10 @@ class CoverageMap extends Drawing {
 }
 
 const board = new LiveBoard(byId("picture")), coverage = new CoverageMap(byId("coverage"));
+/** @type {CoachStatus | null} */
 let status = null;
 
-/** All that may be missing, what was seen ticked off; then what else there is to wish. */
+/** All that may be missing, what was seen ticked off; then what else there is to wish. @param {string[]} missing */
 function showMissing(missing) {
   const others = missing.filter((wish) => !data.wishes.includes(wish));
   const lines = [...data.wishes, ...others].map((wish) => {
@@ -84,23 +95,25 @@ function showMissing(missing) {
   byId("missing-title").textContent = missing.length ? `Still missing: ${missing.length}` : "Nothing is missing";
 }
 
-function showButton() {
+/** @param {CoachStatus} status */
+function showButton(status) {
   const button = byId("finish"), collecting = status.state === "collecting";
   button.disabled = collecting ? status.views < data.least_views : !status.waits;
   button.textContent = status.waits ? "End the program" : "Finish and calibrate";
   button.classList.toggle("ready", (collecting && !status.missing.length) || status.waits);
 }
 
+/** @param {CoachStatus} now */
 function show(now) {
   status = now;
   byId("state").className = `state ${now.state}`;
   byId("state").textContent = STATE_NAMES[now.state];
   byId("number-views").textContent = `${now.views} of ${data.enough_views} or more`;
-  byId("number-images").textContent = now.images;
+  byId("number-images").textContent = String(now.images);
   byId("number-share").textContent = `${Math.round(now.share * 100)} %`;
   byId("verdict").textContent = now.verdict;
   showMissing(now.missing);
-  showButton();
+  showButton(now);
   byId("result-card").hidden = !now.result;
   byId("result-title").textContent = now.state === "failed" ? "There is no result" : "Result";
   byId("result").textContent = now.result;
@@ -108,9 +121,9 @@ function show(now) {
   coverage.redraw();
 }
 
-/** The connection came or went. */
+/** The connection came or went. @param {boolean} open */
 function link(open) {
-  const ended = status && (status.state === "done" || status.state === "failed");
+  const ended = status !== null && (status.state === "done" || status.state === "failed");
   byId("banner").hidden = open || ended;
   if (open || ended) return;
   byId("banner").textContent = "The program does not answer: it has ended, or this machine is cut off. Trying again …";
@@ -119,17 +132,18 @@ function link(open) {
   byId("finish").disabled = true;
 }
 
+/** @type {Handlers} */
 const handlers = {
-  status: (message) => show(message.status),
-  views: ({ from, views }) => {
+  status: (/** @type {{ status: CoachStatus }} */ message) => show(message.status),
+  views: (/** @type {{ from: number, views: number[][] }} */ { from, views }) => {
     coverage.views.length = from;
     coverage.views.push(...views);
     coverage.redraw();
   },
-  picture: (picture) => board.show(picture),
+  picture: (/** @type {LivePictureMessage} */ picture) => board.show(picture),
   link,
 };
-const feed = new Feed((kind, value) => handlers[kind] && handlers[kind](value));
+const feed = new Feed(handlers);
 byId("finish").addEventListener("click", () => {
   byId("finish").disabled = true;
   feed.command("finish");

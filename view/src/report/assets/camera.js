@@ -1,12 +1,14 @@
 // The camera that orbits in the levelled frame (z up).
 
 import { add, cross, dot, multiply, perspective, scaled, viewMatrix } from "./vectors.js";
+/** @import { Box, CameraState, Vector } from "./types.js" */
 
 const FIELD_OF_VIEW = 0.8; // radians, vertical
 
 /** A turntable camera: looks at `target` from `distance`, angles in radians. */
 export class OrbitCamera {
   constructor() {
+    /** @type {Vector} */
     this.target = [0, 0, 0];
     this.azimuth = Math.PI;
     this.elevation = 0.5;
@@ -30,7 +32,7 @@ export class OrbitCamera {
     return this.distance * 0.01;
   }
 
-  /** Clip from levelled world, for a canvas whose first `covered` pixels on the left are not free. */
+  /** Clip from levelled world, for a canvas whose first `covered` pixels on the left are not free. @param {number} width @param {number} height @param {number} covered @param {number} reach */
   clipFromWorld(width, height, covered, reach) {
     const { right, up, back } = this.axes();
     const projection = perspective(this.fov, width / height, this.near(), this.distance + reach);
@@ -38,31 +40,31 @@ export class OrbitCamera {
     return multiply(projection, viewMatrix(right, up, back, this.eye()));
   }
 
-  /** Turns by pixels of a drag. */
+  /** Turns by pixels of a drag. @param {number} dx @param {number} dy */
   orbit(dx, dy) {
     this.azimuth -= dx * 0.006;
     this.elevation = Math.max(-1.57, Math.min(1.57, this.elevation + dy * 0.006));
   }
 
-  /** Length in the target's plane that one pixel covers. */
+  /** Length in the target's plane that one pixel covers. @param {number} height */
   unitsPerPixel(height) {
     return (2 * Math.tan(this.fov / 2) * this.distance) / height;
   }
 
-  /** Moves with the ground under a drag of pixels. */
+  /** Moves with the ground under a drag of pixels. @param {number} dx @param {number} dy @param {number} height */
   pan(dx, dy, height) {
     const { right, up } = this.axes();
     const unit = this.unitsPerPixel(height);
     this.target = add(add(this.target, right, -dx * unit), up, dy * unit);
   }
 
-  /** Changes the distance, keeping what is `(x, y)` pixels right of and below the middle in place. */
+  /** Changes the distance, keeping what is `(x, y)` pixels right of and below the middle in place. @param {number} factor @param {number} x @param {number} y @param {number} height */
   zoom(factor, x, y, height) {
     this.pan(-x * (1 - factor), -y * (1 - factor), height);
     this.distance *= factor;
   }
 
-  /** The state that shows a box of the levelled world from the given angles. */
+  /** The state that shows a box of the levelled world from the given angles. @param {Box} box @param {number} azimuth @param {number} elevation @param {number} aspect @returns {CameraState} */
   fitted(box, azimuth, elevation, aspect) {
     const camera = Object.assign(new OrbitCamera(), { azimuth, elevation });
     const { right, up, back } = camera.axes();
@@ -76,7 +78,7 @@ export class OrbitCamera {
     return { target: centre, azimuth, elevation, distance: distance * 1.04, fov: FIELD_OF_VIEW };
   }
 
-  /** The state that looks out of a keyframe; roll is given up. */
+  /** The state that looks out of a keyframe; roll is given up. @param {Vector} centre @param {Vector} forward @param {number} distance @param {number} fov @returns {CameraState} */
   through(centre, forward, distance, fov) {
     const back = scaled(forward, -1);
     return {
@@ -88,8 +90,9 @@ export class OrbitCamera {
     };
   }
 
-  /** A state between two others, the azimuth going the shorter way. */
+  /** A state between two others, the azimuth going the shorter way. @param {CameraState} a @param {CameraState} b @param {number} t @returns {CameraState} */
   static between(a, b, t) {
+    /** @param {number} u @param {number} v */
     const mix = (u, v) => u + t * (v - u);
     const turn = Math.atan2(Math.sin(b.azimuth - a.azimuth), Math.cos(b.azimuth - a.azimuth));
     return {
@@ -101,6 +104,7 @@ export class OrbitCamera {
     };
   }
 
+  /** @returns {CameraState} */
   state() {
     const { target, azimuth, elevation, distance, fov } = this;
     return { target, azimuth, elevation, distance, fov };

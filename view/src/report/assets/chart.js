@@ -1,21 +1,27 @@
 // Panels of plots on one canvas that share the x axis.
 
 import { roundStep } from "./numbers.js";
-import { Drawing } from "./page.js";
+import { Drawing, contextOf } from "./page.js";
 import { shared } from "./scene.js";
+/** @import { Panel, ReadColour, Readout, Span } from "./types.js" */
 
 export const PANEL = { height: 112, head: 24, gap: 6, left: 52, right: 14, band: 12, axis: 26 };
 
-/** Draws panels `{ title, unit, low, high }`. What is plotted, what lies below and what pointing does is for those who extend it. */
+/** Draws panels. What is plotted, what lies below and what pointing does is for those who extend it. @template {Panel} P */
 export class Chart extends Drawing {
-  /** `full` is the span of x; `below` the pixels between the panels and the axis; `axis` the name of x. */
+  /** `full` is the span of x; `below` the pixels between the panels and the axis; `axis` the name of x. @param {HTMLCanvasElement} canvas @param {P[]} panels @param {Span} full @param {number} below @param {string} axis */
   constructor(canvas, panels, full, below, axis) {
     super(canvas);
     this.panels = panels;
     this.full = full;
+    /** The span of x that is shown. @type {Span} */
     this.range = full;
     this.axis = axis;
     this.leastTick = 0;
+    /** Pixels; 0 before it is first drawn. */
+    this.width = 0;
+    /** Where the span being dragged begins and ends. @type {Span | null} */
+    this.dragged = null;
     this.bottom = panels.length * (PANEL.height + PANEL.gap) + 4 + below;
     this.height = this.bottom + PANEL.axis;
     canvas.style.height = `${this.height}px`;
@@ -24,10 +30,18 @@ export class Chart extends Drawing {
     this.bind();
   }
 
+  /** Shows a span of x. @param {Span} range */
+  show(range) {
+    this.range = range;
+    this.redraw();
+  }
+
+  /** @param {number} value */
   x(value) {
     return PANEL.left + ((value - this.range[0]) / (this.range[1] - this.range[0])) * (this.width - PANEL.left - PANEL.right);
   }
 
+  /** @param {number} x */
   valueAt(x) {
     const t = (x - PANEL.left) / (this.width - PANEL.left - PANEL.right);
     return this.range[0] + Math.max(0, Math.min(1, t)) * (this.range[1] - this.range[0]);
@@ -38,9 +52,10 @@ export class Chart extends Drawing {
     this.width = canvas.clientWidth;
     if (!this.width) return;
     [canvas.width, canvas.height] = [Math.round(this.width * ratio), Math.round(this.height * ratio)];
-    const context = canvas.getContext("2d");
+    const context = contextOf(canvas);
     context.scale(ratio, ratio);
     const style = getComputedStyle(document.documentElement);
+    /** @param {string} name */
     const colour = (name) => style.getPropertyValue(name).trim();
     context.font = `12px ${style.fontFamily}`;
     this.panels.forEach((panel, i) => this.drawPanel(context, panel, i * (PANEL.height + PANEL.gap), colour));
@@ -49,8 +64,10 @@ export class Chart extends Drawing {
     this.drawCursor(context, colour);
   }
 
+  /** @param {CanvasRenderingContext2D} context @param {P} panel @param {number} y @param {ReadColour} colour */
   drawPanel(context, panel, y, colour) {
     const top = y + PANEL.head, bottom = y + PANEL.height, right = this.width - PANEL.right;
+    /** @param {number} value */
     const at = (value) => bottom - Math.max(0, Math.min(1, (value - panel.low) / (panel.high - panel.low))) * (bottom - top);
     context.textBaseline = "middle";
     this.drawScale(context, panel, at, right, colour);
@@ -70,6 +87,7 @@ export class Chart extends Drawing {
     }
   }
 
+  /** @param {CanvasRenderingContext2D} context @param {P} panel @param {(value: number) => number} at @param {number} right @param {ReadColour} colour */
   drawScale(context, panel, at, right, colour) {
     const step = roundStep((panel.high - panel.low) / 2);
     context.strokeStyle = colour("--line");
@@ -84,6 +102,7 @@ export class Chart extends Drawing {
     }
   }
 
+  /** @param {CanvasRenderingContext2D} context @param {ReadColour} colour */
   drawAxis(context, colour) {
     const step = Math.max(this.leastTick, roundStep((this.range[1] - this.range[0]) / Math.max(2, this.width / 160)));
     for (let k = Math.ceil(this.range[0] / step - 1e-9) + 0; k * step <= this.range[1]; k++) {
@@ -92,7 +111,7 @@ export class Chart extends Drawing {
     this.write(context, this.axis, PANEL.left - 8, this.bottom + 13, colour("--faint"), "right");
   }
 
-  /** A line over all panels. */
+  /** A line over all panels. @param {CanvasRenderingContext2D} context @param {number} x @param {string} stroke @param {number[]} dash */
   drawUpright(context, x, stroke, dash) {
     if (x < PANEL.left - 1 || x > this.width - PANEL.right + 1) return;
     context.strokeStyle = stroke;
@@ -105,12 +124,12 @@ export class Chart extends Drawing {
     context.setLineDash([]);
   }
 
-  /** The place pointed at, with its label, and the span being dragged. */
+  /** The place pointed at, with its label, and the span being dragged. @param {CanvasRenderingContext2D} context @param {ReadColour} colour */
   drawCursor(context, colour) {
-    if (this.dragFrom !== undefined) {
+    if (this.dragged) {
       context.fillStyle = colour("--accent");
       context.globalAlpha = 0.12;
-      const [a, b] = [this.x(this.dragFrom), this.x(this.dragTo)];
+      const [a, b] = this.dragged.map((value) => this.x(value));
       context.fillRect(Math.min(a, b), PANEL.head - 4, Math.abs(b - a), this.bottom - PANEL.head + 4);
       context.globalAlpha = 1;
     }
@@ -127,7 +146,7 @@ export class Chart extends Drawing {
     this.write(context, cursor.text, left + 8, this.bottom + 14, colour("--card"), "left", 600);
   }
 
-  /** A dot on a curve. */
+  /** A dot on a curve. @param {CanvasRenderingContext2D} context @param {number} x @param {number} y @param {string} fill */
   drawDot(context, x, y, fill) {
     context.fillStyle = fill;
     context.beginPath();
@@ -135,6 +154,7 @@ export class Chart extends Drawing {
     context.fill();
   }
 
+  /** @param {CanvasRenderingContext2D} context @param {string} text @param {number} weight */
   textWidth(context, text, weight) {
     context.font = context.font.replace(/^\d+ (?=\d)|^/, `${weight} `);
     const { width } = context.measureText(text);
@@ -142,6 +162,7 @@ export class Chart extends Drawing {
     return width;
   }
 
+  /** @param {CanvasRenderingContext2D} context @param {string} text @param {number} x @param {number} y @param {string} fill @param {CanvasTextAlign} align */
   write(context, text, x, y, fill, align = "left", weight = 400) {
     context.font = context.font.replace(/^\d+ (?=\d)|^/, `${weight} `);
     context.fillStyle = fill;
@@ -152,10 +173,11 @@ export class Chart extends Drawing {
 
   bind() {
     const { canvas } = this;
+    /** @param {PointerEvent} event */
     const valueOf = (event) => this.valueAt(event.clientX - canvas.getBoundingClientRect().left);
     canvas.addEventListener("pointermove", (event) => {
-      if (this.dragFrom !== undefined) {
-        this.dragTo = valueOf(event);
+      if (this.dragged) {
+        this.dragged = [this.dragged[0], valueOf(event)];
         this.redraw();
       }
       this.point(valueOf(event));
@@ -164,12 +186,13 @@ export class Chart extends Drawing {
     canvas.addEventListener("pointerdown", (event) => {
       if (event.button !== 0) return;
       if (event.pointerType === "mouse") canvas.setPointerCapture(event.pointerId);
-      this.dragFrom = this.dragTo = valueOf(event);
+      this.dragged = [valueOf(event), valueOf(event)];
     });
+    /** @param {PointerEvent} event */
     const drop = (event) => {
-      if (this.dragFrom === undefined) return;
-      const [a, b] = [this.dragFrom, this.dragTo].sort((p, q) => p - q);
-      this.dragFrom = undefined;
+      if (!this.dragged) return;
+      const [a, b] = this.dragged.sort((p, q) => p - q);
+      this.dragged = null;
       if (event.type === "pointerup") {
         if (Math.abs(this.x(b) - this.x(a)) > 8) this.range = [a, Math.max(b, a + this.least())];
         else this.pick(a);
@@ -183,7 +206,7 @@ export class Chart extends Drawing {
       this.redraw();
     });
     canvas.addEventListener("keydown", (event) => {
-      const direction = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+      const direction = event.key === "ArrowLeft" ? -1 : event.key === "ArrowRight" ? 1 : 0;
       if (!direction) return;
       event.preventDefault();
       this.walk(direction);
@@ -192,15 +215,15 @@ export class Chart extends Drawing {
 
   // What is for those who extend it.
 
-  /** Draws a panel's curves; `at` gives the height of a value. */
+  /** Draws a panel's curves; `at` gives the height of a value. @param {CanvasRenderingContext2D} _context @param {P} _panel @param {(value: number) => number} _at @param {ReadColour} _colour */
   drawCurves(_context, _panel, _at, _colour) {}
 
-  /** What a panel says at its right: `[text, colour, weight]` each. @returns {any[][]} */
+  /** What a panel says at its right: `[text, colour, weight]` each. @returns {Readout[]} @param {P} _panel @param {ReadColour} _colour */
   readout(_panel, _colour) {
     return [];
   }
 
-  /** Draws what lies below the panels. */
+  /** Draws what lies below the panels. @param {CanvasRenderingContext2D} _context @param {ReadColour} _colour */
   drawBelow(_context, _colour) {}
 
   /** The place pointed at. @returns {{ at: number, text: string } | null} */
@@ -208,13 +231,13 @@ export class Chart extends Drawing {
     return null;
   }
 
-  /** The pointer is at a value of x. */
+  /** The pointer is at a value of x. @param {number} _value */
   point(_value) {}
 
-  /** A value of x was clicked. */
+  /** A value of x was clicked. @param {number} _value */
   pick(_value) {}
 
-  /** An arrow key was pressed. */
+  /** An arrow key was pressed. @param {number} _direction */
   walk(_direction) {}
 
   /** The shortest span worth a look. */

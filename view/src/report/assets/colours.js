@@ -6,7 +6,7 @@ const COLOUR_STOPS = {
   depth: ["#7a5cf5", "#3d82f7", "#19b5e0", "#2fd8a0", "#8fe04a", "#e9d835", "#fb9428", "#ec4527"],
 };
 
-/** 256 colours, `[r, g, b]` bytes in a row, interpolated between stops. */
+/** 256 colours, `[r, g, b]` bytes in a row, interpolated between stops. @param {string[]} stops */
 export function colourTable(stops) {
   const parsed = stops.map((s) => [1, 3, 5].map((i) => parseInt(s.slice(i, i + 2), 16)));
   const table = new Uint8Array(256 * 3);

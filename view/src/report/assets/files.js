@@ -24,6 +24,7 @@ export function plyFile(places, colours, comment) {
  * @param {number} first @param {number} end
  */
 export function tumFile({ timestamp, position, rotation }, first, end) {
+  /** @param {ArrayLike<number>} values @param {number} size @param {number} i */
   const part = (values, size, i) => Array.from({ length: size }, (_, k) => String(Number(Number(values[i * size + k]).toPrecision(7))));
   let text = "# timestamp tx ty tz qx qy qz qw\n";
   for (let i = first; i < end; i++) text += `${[timestamp[i].toFixed(9), ...part(position, 3, i), ...part(rotation, 4, i)].join(" ")}\n`;

@@ -3,36 +3,36 @@
 import { cloud } from "./cloud.js";
 import { COLOURS } from "./colours.js";
 import { figures, unpack } from "./numbers.js";
-import { byId, data, element, paintBar } from "./page.js";
+import { byId, contextOf, data, element, paintBar, parentOf } from "./page.js";
 import { keyframes, lengthUnit, pictureImages, shared, takeImage } from "./scene.js";
+/** @import { KeyImage } from "./types.js" */
 
+/** @type {KeyImage[]} */
 export const pictures = data.gallery;
 pictures.forEach(takeImage);
 
-/** Colour of each pixel with a depth (1–255), 0 elsewhere. */
+/** Colour of each pixel with a depth (1–255), 0 elsewhere. @param {KeyImage} picture */
 export function depthColours(picture) {
-  if (!picture.colours) {
-    const pairs = unpack(picture.depth, Uint8Array);
-    picture.colours = new Uint8Array(picture.width * picture.height);
-    let at = 0;
-    for (let i = 0; i < pairs.length; i += 2) {
-      at += pairs[i];
-      if (pairs[i + 1]) picture.colours[at] = pairs[i + 1];
-    }
-    picture.depth = null;
+  if (picture.colours) return picture.colours;
+  const pairs = unpack(picture.depth ?? "", Uint8Array), colours = new Uint8Array(picture.width * picture.height);
+  let at = 0;
+  for (let i = 0; i < pairs.length; i += 2) {
+    at += pairs[i];
+    if (pairs[i + 1]) colours[at] = pairs[i + 1];
   }
-  return picture.colours;
+  Object.assign(picture, { colours, depth: null });
+  return colours;
 }
 
-/** The picture with its depth on top, as children for a `.picture` element. */
+/** The picture with its depth on top, as children for a `.picture` element. @param {KeyImage} picture */
 export function drawnPicture(picture) {
-  const image = pictureImages.get(picture.keyframe).cloneNode();
+  const image = /** @type {HTMLImageElement} */ (pictureImages.get(picture.keyframe)?.cloneNode());
   image.alt = `Key image, frame ${keyframes.frame[picture.keyframe]}`;
   image.draggable = false;
   [image.width, image.height] = [picture.width, picture.height];
   const canvas = element("canvas");
   [canvas.width, canvas.height] = [picture.width, picture.height];
-  const context = canvas.getContext("2d");
+  const context = contextOf(canvas);
   const pixels = context.createImageData(picture.width, picture.height);
   depthColours(picture).forEach((colour, i) => {
     if (!colour) return;
@@ -43,7 +43,7 @@ export function drawnPicture(picture) {
   return [image, canvas];
 }
 
-/** The depth at or next to a place of a picture, map units; `null` where none is known. */
+/** The depth at or next to a place of a picture, map units; `null` where none is known. @param {KeyImage} picture @param {number} x @param {number} y */
 export function depthNear(picture, x, y) {
   const colours = depthColours(picture);
   let best = null, nearest = 10;
@@ -65,10 +65,13 @@ export class Gallery {
     paintBar(byId("depth-bar"), COLOURS.depth);
     byId("far").textContent = figures(cloud.depth(0));
     byId("near").textContent = figures(cloud.depth(1));
-    byId("depth-bar").parentElement.replaceChildren(byId("far"), byId("depth-bar"), byId("near"), element("span", `depth, ${lengthUnit()}`));
+    parentOf(byId("depth-bar")).replaceChildren(byId("far"), byId("depth-bar"), byId("near"), element("span", `depth, ${lengthUnit()}`));
+    /** The picture that is open large. @type {KeyImage | null} */
+    this.large = null;
     this.bind();
   }
 
+  /** @param {KeyImage} picture */
   thumb(picture) {
     const box = element("div", null, ...drawnPicture(picture));
     box.className = "picture";
@@ -109,12 +112,12 @@ export class Gallery {
     byId("next").disabled = index >= keyframes.count - 1;
     pictures.forEach((p, i) => {
       const chosen = p.keyframe === index;
-      this.thumbs[i].setAttribute("aria-pressed", chosen);
+      this.thumbs[i].setAttribute("aria-pressed", String(chosen));
       if (chosen) this.reveal(this.thumbs[i]);
     });
   }
 
-  /** Scrolls the strip, and only the strip, until a thumbnail is seen. */
+  /** Scrolls the strip, and only the strip, until a thumbnail is seen. @param {HTMLElement} thumb */
   reveal(thumb) {
     const strip = byId("strip");
     const left = thumb.offsetLeft - strip.offsetLeft, right = left + thumb.offsetWidth;
@@ -122,7 +125,7 @@ export class Gallery {
     else if (right > strip.scrollLeft + strip.clientWidth) strip.scrollLeft = right - strip.clientWidth + 40;
   }
 
-  /** Opens a picture large. */
+  /** Opens a picture large. @param {KeyImage} picture */
   enlarge(picture) {
     const dialog = byId("enlarged");
     this.large = picture;
@@ -130,7 +133,7 @@ export class Gallery {
     byId("enlarged-title").textContent = `Keyframe ${keyframes.id[picture.keyframe]} · frame ${keyframes.frame[picture.keyframe]} · ${keyframes.timestamp[picture.keyframe].toFixed(3)} s`;
     byId("enlarged-value").textContent = "";
     byId("enlarged-picture").replaceChildren(...drawnPicture(picture));
-    dialog.style.setProperty("--aspect", picture.width / picture.height);
+    dialog.style.setProperty("--aspect", String(picture.width / picture.height));
     byId("enlarged-previous").disabled = picture === pictures[0];
     byId("enlarged-next").disabled = picture === pictures[pictures.length - 1];
     if (!dialog.open) dialog.showModal();
@@ -139,16 +142,20 @@ export class Gallery {
   bind() {
     const overlay = byId("overlay"), dialog = byId("enlarged");
     const blend = () => {
-      document.body.style.setProperty("--overlay", String(overlay.value / 100));
+      document.body.style.setProperty("--overlay", String(Number(overlay.value) / 100));
       byId("overlay-value").textContent = `${overlay.value} %`;
     };
     overlay.addEventListener("input", blend);
     blend();
-    byId("keyframe-picture").addEventListener("click", () => this.current() && this.enlarge(this.current()));
+    byId("keyframe-picture").addEventListener("click", () => {
+      const picture = this.current();
+      if (picture) this.enlarge(picture);
+    });
     byId("previous").addEventListener("click", () => shared.select(shared.selected - 1));
     byId("next").addEventListener("click", () => shared.select(shared.selected + 1));
+    /** @param {number} step */
     const turn = (step) => {
-      const next = pictures[pictures.indexOf(this.large) + step];
+      const next = this.large && pictures[pictures.indexOf(this.large) + step];
       if (next) this.enlarge(next);
     };
     byId("enlarged-previous").addEventListener("click", () => turn(-1));
@@ -162,6 +169,7 @@ export class Gallery {
     const large = byId("enlarged-picture");
     large.addEventListener("pointermove", (event) => {
       const box = large.getBoundingClientRect(), picture = this.large;
+      if (!picture) return;
       const [x, y] = [(event.clientX - box.left) / box.width * picture.width, (event.clientY - box.top) / box.height * picture.height].map(Math.floor);
       const depth = depthNear(picture, x, y);
       byId("enlarged-value").textContent = `pixel ${x}, ${y}  ·  ${depth === null ? "no depth" : `depth ${figures(depth)}, inverse ${figures(1 / depth)}`}`;

@@ -1,5 +1,7 @@
 // The WebGL 2 programs of the 3-D view, and lines.
 
+/** @import { Colour, Program, Vector } from "./types.js" */
+
 export const POINT_VERTEX = `#version 300 es
 layout(location = 0) in vec4 a_position;  // x, y, z over the box; inverse depth over its range
 layout(location = 1) in vec2 a_value;     // intensity, code of the relative sigma
@@ -86,32 +88,36 @@ uniform sampler2D u_picture;
 out vec4 colour;
 void main() { colour = vec4(texture(u_picture, v_texture).rgb, 1.0) * 0.93; }`;
 
-/** A linked program with its uniforms' locations by name. */
+/** A linked program with its uniforms' locations by name. @param {WebGL2RenderingContext} gl @param {string} vertex @param {string} fragment @returns {Program} */
 export function program(gl, vertex, fragment) {
   const handle = gl.createProgram();
-  for (const [type, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
-    const shader = gl.createShader(type);
+  for (const { type, source } of [{ type: gl.VERTEX_SHADER, source: vertex }, { type: gl.FRAGMENT_SHADER, source: fragment }]) {
+    // Only where the graphics card is lost there is none, and then it is made once more when it is back.
+    const shader = /** @type {WebGLShader} */ (gl.createShader(type));
     gl.shaderSource(shader, source);
     gl.compileShader(shader);
     gl.attachShader(handle, shader);
-    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader));
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS) && !gl.isContextLost()) throw new Error(gl.getShaderInfoLog(shader) ?? "");
   }
   gl.linkProgram(handle);
-  if (!gl.getProgramParameter(handle, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(handle));
+  if (!gl.getProgramParameter(handle, gl.LINK_STATUS) && !gl.isContextLost()) throw new Error(gl.getProgramInfoLog(handle) ?? "");
+  /** @type {Program["uniforms"]} */
   const uniforms = {};
   for (let i = 0; i < gl.getProgramParameter(handle, gl.ACTIVE_UNIFORMS); i++) {
-    const { name } = gl.getActiveUniform(handle, i);
-    uniforms[name] = gl.getUniformLocation(handle, name);
+    const uniform = gl.getActiveUniform(handle, i);
+    if (uniform) uniforms[uniform.name] = gl.getUniformLocation(handle, uniform.name);
   }
   return { handle, uniforms };
 }
 
 /** Segments of one width in a buffer: pushed on the machine, drawn as instances of four corners. */
 export class Lines {
+  /** @param {WebGL2RenderingContext} gl */
   constructor(gl) {
     this.gl = gl;
     this.array = gl.createVertexArray();
     this.buffer = gl.createBuffer();
+    /** @type {number[]} */
     this.numbers = [];
     this.count = 0;
     gl.bindVertexArray(this.array);
@@ -124,7 +130,7 @@ export class Lines {
     gl.bindVertexArray(null);
   }
 
-  /** Adds a segment. */
+  /** Adds a segment. @param {Vector} from @param {Vector} to @param {Colour} colour */
   push(from, to, colour) {
     this.numbers.push(...from, ...to, ...colour);
   }
@@ -144,7 +150,7 @@ export class Lines {
     this.gl.deleteVertexArray(this.array);
   }
 
-  /** Draws them with the line program in use. */
+  /** Draws them with the line program in use. @param {Program} lineProgram @param {number} width */
   draw(lineProgram, width) {
     if (!this.count) return;
     const gl = this.gl;
@@ -154,7 +160,7 @@ export class Lines {
   }
 }
 
-/** How the texture that is bound is read between its pixels. */
+/** How the texture that is bound is read between its pixels. @param {WebGL2RenderingContext} gl @param {number} filter */
 export function setSampling(gl, filter) {
   for (const [name, value] of [[gl.TEXTURE_MIN_FILTER, filter], [gl.TEXTURE_MAG_FILTER, filter], [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) {
     gl.texParameteri(gl.TEXTURE_2D, name, value);
@@ -163,13 +169,15 @@ export function setSampling(gl, filter) {
 
 /** A picture in the world, by its four corners. */
 export class PictureQuad {
+  /** @param {WebGL2RenderingContext} gl */
   constructor(gl) {
     this.gl = gl;
     this.program = program(gl, PICTURE_VERTEX, PICTURE_FRAGMENT);
+    /** @type {{ texture: WebGLTexture, array: WebGLVertexArrayObject, buffer: WebGLBuffer } | null} */
     this.held = null;
   }
 
-  /** Shows an image, its corners top left, top right, bottom left, bottom right. */
+  /** Shows an image, its corners top left, top right, bottom left, bottom right. @param {TexImageSource} image @param {Vector[]} corners */
   show(image, corners) {
     const { gl } = this;
     this.clear();
@@ -196,6 +204,7 @@ export class PictureQuad {
     this.held = null;
   }
 
+  /** @param {number[]} matrix */
   draw(matrix) {
     const { gl, held } = this;
     if (!held) return;

@@ -27,6 +27,7 @@ export function metresPerUnit(measured, metres) {
  */
 export function cutOut(box, shares) {
   if (shares.every(([low, high]) => low <= 0 && high >= 1)) return null;
+  /** @param {number} axis @param {number} share */
   const at = (axis, share) => box.low[axis] + share * (box.high[axis] - box.low[axis]);
   return {
     low: shares.map(([low], axis) => (low <= 0 ? -Infinity : at(axis, low))),
@@ -36,6 +37,7 @@ export function cutOut(box, shares) {
 
 /** The twelve edges of a box, as pairs of points. @param {{ low: number[], high: number[] }} box */
 export function boxEdges({ low, high }) {
+  /** @param {number} bits */
   const corner = (bits) => [0, 1, 2].map((axis) => (bits >> axis & 1 ? high[axis] : low[axis]));
   const edges = [];
   for (let bits = 0; bits < 8; bits++) {

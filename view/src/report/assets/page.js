@@ -1,10 +1,15 @@
 // The page's data, colours, and what is drawn on it.
 
-export const data = JSON.parse(document.getElementById("data").textContent);
-/** The element of that name; which kind it is, the page's HTML says. @param {string} id @returns {any} */
-export const byId = (id) => document.getElementById(id);
+/** @import { ElementOf } from "./types.js" */
 
-/** An element with text and children; text is never read as HTML. */
+/** The element of that name, which the page's HTML has. @template {string} I @param {I} id */
+export const byId = (id) => /** @type {ElementOf<I>} */ (/** @type {unknown} */ (document.getElementById(id)));
+/** The element around one that the page's HTML puts into another. @param {Element} node */
+export const parentOf = (node) => /** @type {HTMLElement} */ (node.parentElement);
+/** What the program hands to the page: each page has its own, and its scripts know which. */
+export const data = JSON.parse(byId("data").textContent);
+
+/** An element with text and children; text is never read as HTML. @template {keyof HTMLElementTagNameMap} K @param {K} tag @param {string | null} [text] @param {(Node | string)[]} children @returns {HTMLElementTagNameMap[K]} */
 export function element(tag, text, ...children) {
   const node = document.createElement(tag);
   if (text !== undefined && text !== null) node.textContent = text;
@@ -12,9 +17,16 @@ export function element(tag, text, ...children) {
   return node;
 }
 
-/** Paints a table of colours along a canvas of 256 × 1 pixels. */
-export function paintBar(canvas, table) {
+/** What draws on a canvas. @param {HTMLCanvasElement} canvas */
+export function contextOf(canvas) {
   const context = canvas.getContext("2d");
+  if (!context) throw new Error("This browser draws on no more canvases.");
+  return context;
+}
+
+/** Paints a table of colours along a canvas of 256 × 1 pixels. @param {HTMLCanvasElement} canvas @param {Uint8Array} table */
+export function paintBar(canvas, table) {
+  const context = contextOf(canvas);
   const image = context.createImageData(256, 1);
   for (let i = 0; i < 256; i++) {
     image.data.set(table.subarray(i * 3, i * 3 + 3), i * 4);
@@ -25,6 +37,7 @@ export function paintBar(canvas, table) {
 
 /** Something drawn on a canvas, at most once for each image on the screen. */
 export class Drawing {
+  /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
     this.canvas = canvas;
     this.pending = false;

@@ -4,17 +4,24 @@ import { LINE_COLOURS } from "./overlays.js";
 import { byId } from "./page.js";
 import { aheadOf, axesOf, framesAt, playedSeconds } from "./playing.js";
 import { agents, keyframes, shared, trajectory } from "./scene.js";
+/** @import { Controls } from "./controls.js" */
+/** @import { Vector } from "./types.js" */
 
 export class Player {
+  /** @param {Controls} controls */
   constructor(controls) {
     this.controls = controls;
     this.seconds = 0;
-    /** The moment of the last image while it runs, milliseconds; `null` while it stands. */
+    /** Seconds that are played. */
+    this.most = 0;
+    /** The first and the end of each agent's frames. @type {number[][]} */
+    this.spans = [];
+    /** The moment of the last image while it runs, milliseconds; `null` while it stands. @type {number | null} */
     this.last = null;
     byId("play").addEventListener("click", () => this.toggle());
-    byId("player-at").addEventListener("input", (event) => {
+    byId("player-at").addEventListener("input", () => {
       this.stop();
-      this.show(Number(event.target.value));
+      this.show(Number(byId("player-at").value));
     });
     byId("player-ride").addEventListener("input", () => this.show(this.seconds));
     controls.viewer.canvas.addEventListener("keydown", (event) => {
@@ -49,6 +56,7 @@ export class Player {
     byId("play").textContent = "Play";
   }
 
+  /** @param {number} now */
   step(now) {
     if (this.last === null) return;
     // A page in the background is given no images: what was missed is not made up for.
@@ -59,7 +67,7 @@ export class Player {
     else requestAnimationFrame((next) => this.step(next));
   }
 
-  /** Shows the cameras at a time. */
+  /** Shows the cameras at a time. @param {number} seconds */
   show(seconds) {
     const { viewer } = this.controls;
     this.seconds = seconds;
@@ -79,14 +87,14 @@ export class Player {
     document.documentElement.dataset.played = String(frames[shown[0]] ?? -1);
   }
 
-  /** Axes and centre of a frame's camera in the world; of a LiDAR those of one that looks ahead. */
+  /** Axes and centre of a frame's camera in the world; of a LiDAR those of one that looks ahead. @param {number} frame @returns {Vector[]} */
   pose(frame) {
     const centre = Array.from(trajectory.position.subarray(frame * 3, frame * 3 + 3));
     const axes = axesOf(trajectory.rotation.subarray(frame * 4, frame * 4 + 4));
     return [...(agents[trajectory.agent[frame]].isLidar ? aheadOf(axes) : axes), centre];
   }
 
-  /** Selects the keyframe that was taken last. */
+  /** Selects the keyframe that was taken last. @param {number} agent @param {number} frame */
   followKeyframes(agent, frame) {
     const [first, end] = this.controls.viewer.keyframeSpans ? this.controls.viewer.keyframeSpans[agent] : [0, 0];
     let last = -1;
@@ -94,7 +102,7 @@ export class Player {
     shared.select(last);
   }
 
-  /** Looks out of a frame's camera. */
+  /** Looks out of a frame's camera. @param {number} agent @param {number} frame */
   ride(agent, frame) {
     const { controls } = this, [, , forward, centre] = this.pose(frame);
     controls.lookOutOf(agents[agent].camera, controls.viewer.scene.level(centre), controls.viewer.scene.level(forward), true);

@@ -4,6 +4,7 @@ import { Chart, PANEL } from "./chart.js";
 import { figures, quantile, unpack } from "./numbers.js";
 import { data } from "./page.js";
 import { keyframes, shared, trajectory } from "./scene.js";
+/** @import { ReadColour, Readout, RowPanel, Span } from "./types.js" */
 
 export const STATE_NAMES = ["starting", "tracking", "lost"];
 
@@ -14,12 +15,14 @@ export const rows = {
   state: unpack(data.rows.state, Uint8Array),
 };
 
-/** The panels: title, unit, values, colour variable, reference lines `[label, value]`. */
+/** The panels: title, unit, values, colour variable, reference lines `[label, value]`. @returns {RowPanel[]} */
 export function plotPanels() {
+  /** @param {string} name @returns {Float32Array} */
   const column = (name) => unpack(data.rows[name], Float32Array);
   const ms = column("ms");
   const sorted = ms.filter(Number.isFinite).sort();
   const steps = rows.timestamp.slice(1).map((t, i) => t - rows.timestamp[i]).sort();
+  /** @type {[label: string, value: number][]} */
   const references = [];
   if (sorted.length) references.push(["median", quantile(sorted, 0.5)], ["p99", quantile(sorted, 0.99)]);
   if (steps.length && quantile(steps, 0.5) > 0) references.push(["frame interval", quantile(steps, 0.5) * 1000]);
@@ -31,7 +34,7 @@ export function plotPanels() {
   ].map((panel) => ({ ...panel, low: 0, high: panel.high || axisTop(panel.values) }));
 }
 
-/** The top of an axis from 0: all values, unless a few would flatten the others. */
+/** The top of an axis from 0: all values, unless a few would flatten the others. @param {Float32Array} values */
 export function axisTop(values) {
   const sorted = values.filter(Number.isFinite).sort();
   if (!sorted.length) return 1;
@@ -39,17 +42,20 @@ export function axisTop(values) {
   return (most > high * 3 ? high * 1.8 : most) * 1.08 || 1;
 }
 
-shared.framePointedAt = () => trajectory.frame.indexOf(shared.hoverAt);
+shared.framePointedAt = () => (shared.hoverAt === null ? -1 : trajectory.frame.indexOf(shared.hoverAt));
 shared.placeOfTime = (_, [frame]) => (frame < 0 ? null : trajectory.frame[frame]);
 
+/** The plots per frame. @extends {Chart<RowPanel>} */
 export class Plots extends Chart {
+  /** @param {HTMLCanvasElement} canvas */
   constructor(canvas) {
+    /** @type {Span} */
     const full = rows.count ? [rows.frame[0], Math.max(rows.frame[rows.count - 1], rows.frame[0] + 1)] : [0, 1];
     super(canvas, plotPanels(), full, PANEL.band, "frame");
     this.leastTick = 1;
   }
 
-  /** The first row whose frame is not before `frame`. */
+  /** The first row whose frame is not before `frame`. @param {number} frame */
   rowFrom(frame) {
     let low = 0, high = rows.count;
     while (low < high) {
@@ -60,7 +66,7 @@ export class Plots extends Chart {
     return low;
   }
 
-  /** The row nearest to a frame; −1 without rows. */
+  /** The row nearest to a frame; −1 without rows. @param {number} frame */
   rowNear(frame) {
     const after = Math.min(this.rowFrom(frame), rows.count - 1);
     return after > 0 && frame - rows.frame[after - 1] < rows.frame[after] - frame ? after - 1 : after;
@@ -76,6 +82,7 @@ export class Plots extends Chart {
     return shared.hoverAt === null ? -1 : this.rowNear(shared.hoverAt);
   }
 
+  /** @override @param {CanvasRenderingContext2D} context @param {RowPanel} panel @param {(value: number) => number} at @param {ReadColour} colour */
   drawCurves(context, panel, at, colour) {
     this.drawCurve(context, panel, at, this.shown(), colour(panel.colour));
     this.drawReferences(context, panel, at, colour);
@@ -83,6 +90,7 @@ export class Plots extends Chart {
     if (hover >= 0 && Number.isFinite(panel.values[hover])) this.drawDot(context, this.x(rows.frame[hover]), at(panel.values[hover]), colour(panel.colour));
   }
 
+  /** @override @param {RowPanel} panel @param {ReadColour} colour @returns {Readout[]} */
   readout(panel, colour) {
     const hover = this.hovered();
     if (hover >= 0) return [[`${figures(panel.values[hover])}${panel.unit ? " " + panel.unit : ""}`, colour(panel.colour), 650]];
@@ -90,7 +98,7 @@ export class Plots extends Chart {
     return this.width > 560 ? [[labels.join("  ·  "), colour("--soft"), 400]] : [];
   }
 
-  /** The curve; where many rows share a pixel, their span is drawn. Values off the scale get a tick on top. */
+  /** The curve; where many rows share a pixel, their span is drawn. Values off the scale get a tick on top. @param {CanvasRenderingContext2D} context @param {RowPanel} panel @param {(value: number) => number} at @param {Span} span @param {string} stroke */
   drawCurve(context, panel, at, [first, end], stroke) {
     context.strokeStyle = context.fillStyle = stroke;
     context.lineWidth = 1.4;
@@ -127,7 +135,7 @@ export class Plots extends Chart {
     context.stroke();
   }
 
-  /** The median step between frame indices of rows. */
+  /** The median step between frame indices of rows. @returns {number} */
   usualStep() {
     if (!this.step) {
       const steps = rows.frame.slice(1).map((f, i) => f - rows.frame[i]).sort();
@@ -136,7 +144,7 @@ export class Plots extends Chart {
     return this.step;
   }
 
-  /** Dashed reference lines within the scale. */
+  /** Dashed reference lines within the scale. @param {CanvasRenderingContext2D} context @param {RowPanel} panel @param {(value: number) => number} at @param {ReadColour} colour */
   drawReferences(context, panel, at, colour) {
     const right = this.width - PANEL.right;
     context.save();
@@ -152,7 +160,7 @@ export class Plots extends Chart {
     context.restore();
   }
 
-  /** State band and keyframe ticks, and the selected keyframe over all panels. */
+  /** State band and keyframe ticks, and the selected keyframe over all panels. @param {CanvasRenderingContext2D} context @param {ReadColour} colour */
   drawBelow(context, colour) {
     const [first, end] = this.shown();
     const y = this.bottom - PANEL.band, right = this.width - PANEL.right;
@@ -182,16 +190,18 @@ export class Plots extends Chart {
     return { at: rows.frame[hover], text: `frame ${rows.frame[hover]}  ·  ${rows.timestamp[hover].toFixed(3)} s  ·  ${STATE_NAMES[rows.state[hover]]}` };
   }
 
+  /** @param {number} frame */
   point(frame) {
     const row = this.rowNear(frame);
     if (row >= 0) shared.hover(rows.frame[row]);
   }
 
+  /** @param {number} frame */
   pick(frame) {
     shared.select(keyframes.nearest(frame));
   }
 
-  /** Arrow keys walk along the frames. */
+  /** Arrow keys walk along the frames. @param {number} direction */
   walk(direction) {
     if (!rows.count) return;
     const row = shared.hoverAt === null ? 0 : this.rowNear(shared.hoverAt) + direction;

@@ -2,11 +2,12 @@
 
 import { figures, medianOf, parts } from "./numbers.js";
 import { element } from "./page.js";
+/** @import { Plotted, Span } from "./types.js" */
 
-/** Columns of a table from panels of plots: their titles with units. */
+/** Columns of a table from panels of plots: their titles with units. @param {Plotted[]} panels */
 export const heads = (panels) => panels.map(({ title, unit }) => (unit ? `${title}, ${unit}` : title));
 
-/** A row for each equal part of the values from `first` up to `end`: what `label` says of the part, then the panels' medians; at most so many rows. */
+/** A row for each equal part of the values from `first` up to `end`: what `label` says of the part, then the panels' medians; at most so many rows. @param {Plotted[]} panels @param {Span} span @param {(part: Span) => string[]} label */
 export function medians(panels, [first, end], label, most = 24) {
   return parts(end - first, most).map(([from, to]) => {
     const part = /** @type {[number, number]} */ ([first + from, first + to]);
@@ -14,8 +15,9 @@ export function medians(panels, [first, end], label, most = 24) {
   });
 }
 
-/** A table that unfolds; its rows are made when it does. */
+/** A table that unfolds; its rows are made when it does. @param {string[]} head @param {() => string[][]} rows */
 export function plotTable(head, rows) {
+  /** @param {string} text @param {"col" | "row"} scope */
   const cell = (text, scope) => Object.assign(element("th", text), { scope });
   const body = element("tbody");
   const columns = element("thead", null, element("tr", null, ...head.map((text) => cell(text, "col"))));

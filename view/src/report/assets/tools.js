@@ -8,12 +8,15 @@ import { byId, data, element } from "./page.js";
 import { Player } from "./player.js";
 import { eachPoint } from "./points.js";
 import { agents, lengthUnit, trajectory } from "./scene.js";
+/** @import { Controls } from "./controls.js" */
+/** @import { Place, Segment, Vector } from "./types.js" */
+/** @import { Viewer } from "./viewer.js" */
 
 /** The sides of the box that cuts, along the axes of the levelled world. */
 const SIDES = ["Depth", "Width", "Height"];
 const CUT_STEPS = 200;
 
-/** Lets the browser write a file. */
+/** Lets the browser write a file. @param {string} name @param {Blob | string | Uint8Array<ArrayBuffer>} content @param {string} [type] */
 function download(name, content, type) {
   const blob = content instanceof Blob ? content : new Blob([content], { type });
   const address = URL["createObjectURL"](blob);
@@ -21,15 +24,18 @@ function download(name, content, type) {
   setTimeout(() => URL["revokeObjectURL"](address), 10000);
 }
 
-/** A file's name that tells whose it is. */
+/** A file's name that tells whose it is. @param {string} what @param {string} ending */
 const fileName = (what, ending) => `${(document.title.split(" · ")[0].split("/").pop() || "map").replace(/[^\w.-]+/g, "_")}-${what}.${ending}`;
 
 /** Measuring between two points that are clicked, one after the other. */
 class Ruler {
+  /** @param {Controls} controls */
   constructor(controls) {
     this.controls = controls;
-    /** Points of the world, two at most. */
+    /** Points of the world, two at most. @type {Vector[]} */
     this.points = [];
+    /** How far they are apart. */
+    this.straight = NaN;
     byId("measure").addEventListener("click", () => this.toggle());
     byId("measured-metres").addEventListener("input", () => this.showCommand());
     controls.viewer.canvas.addEventListener("keydown", (event) => {
@@ -48,7 +54,7 @@ class Ruler {
     this.show();
   }
 
-  /** A place on the canvas was clicked; says that nobody else is to take it. */
+  /** A place on the canvas was clicked; says that nobody else is to take it. @param {Place} place */
   take(place) {
     const { viewer } = this.controls, point = viewer.pointAt(place);
     if (this.points.length === 2) this.points = [];
@@ -60,7 +66,8 @@ class Ruler {
   /** Draws what was clicked, and says how far it is apart. */
   show(before = "") {
     const { viewer } = this.controls, points = this.points.map((p) => viewer.scene.level(p));
-    const segments = points.length === 2 ? [[...points, LINE_COLOURS.measured]] : [];
+    /** @type {Segment[]} */
+    const segments = points.length === 2 ? [[points[0], points[1], LINE_COLOURS.measured]] : [];
     points.forEach((p) => segments.push(...this.cross(p)));
     viewer.setOverlay("measured", segments);
     byId("measured-known").hidden = points.length < 2 || data.scene.metric;
@@ -74,10 +81,11 @@ class Ruler {
     this.showCommand();
   }
 
-  /** Three short strokes through a point. */
+  /** Three short strokes through a point. @param {Vector} p @returns {Segment[]} */
   cross(p) {
     const size = this.controls.viewer.scene.size * 0.006;
     return [0, 1, 2].map((axis) => {
+      /** @param {number} sign */
       const end = (sign) => p.map((v, i) => v + (i === axis ? sign * size : 0));
       return [end(-1), end(1), LINE_COLOURS.measured];
     });
@@ -93,6 +101,7 @@ class Ruler {
 
 /** A box by six sliders, outside of which nothing is drawn, found or written. */
 class Cutter {
+  /** @param {Viewer} viewer */
   constructor(viewer) {
     this.viewer = viewer;
     this.sliders = SIDES.map((name) => {
@@ -132,6 +141,7 @@ class Cutter {
 
 /** Writes what is shown: points, trajectories, the picture. */
 class Saver {
+  /** @param {Viewer} viewer */
   constructor(viewer) {
     this.viewer = viewer;
     byId("save-cloud").addEventListener("click", () => this.saveCloud());
@@ -140,7 +150,11 @@ class Saver {
   }
 
   saveCloud() {
-    const { viewer } = this, { sigma, cut } = viewer.settings, places = [], colours = [];
+    const { viewer } = this, { sigma, cut } = viewer.settings;
+    /** @type {Vector[]} */
+    const places = [];
+    /** @type {ArrayLike<number>[]} */
+    const colours = [];
     eachPoint(viewer.blocks(), sigma, cut, (p, colour) => {
       places.push(viewer.scene.unlevel(p));
       colours.push(colour);
@@ -164,6 +178,7 @@ class Saver {
 
 /** All of them. */
 export class Tools {
+  /** @param {Controls} controls */
   constructor(controls) {
     const { viewer } = controls;
     this.ruler = new Ruler(controls);

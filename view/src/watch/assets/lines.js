@@ -2,16 +2,19 @@
 
 import { Lines } from "../../report/assets/gl.js";
 import { grown } from "./store.js";
+/** @import { Colour, Program, Vector } from "../../report/assets/types.js" */
 
 export class GrowingLines extends Lines {
+  /** @param {WebGL2RenderingContext} gl */
   constructor(gl) {
     super(gl);
     this.values = new Float32Array(0);
     this.held = 0;
+    this.count = 0;
     this.changed = [Infinity, 0];
   }
 
-  /** Sets a segment. */
+  /** Sets a segment. @param {number} index @param {Vector} from @param {Vector} to @param {Colour} colour */
   set(index, from, to, colour) {
     this.values = grown(this.values, (index + 1) * 10);
     this.values.set(from, index * 10);
@@ -21,12 +24,13 @@ export class GrowingLines extends Lines {
     this.changed = [Math.min(this.changed[0], index), Math.max(this.changed[1], index + 1)];
   }
 
-  /** Takes segments away from an index on. */
+  /** Takes segments away from an index on. @param {number} index */
   cut(index) {
     this.count = Math.min(this.count, index);
     this.changed[1] = Math.min(this.changed[1], index);
   }
 
+  /** @param {Program} lineProgram @param {number} width */
   draw(lineProgram, width) {
     const [first, end] = this.changed, gl = this.gl;
     if (end > first) {

@@ -1,11 +1,14 @@
 // Who is near an agent or a station, in words.
 
+/** @import { Neighbour, Neighbourhood, PairLine, RemoteMap } from "./types.js" */
+
+/** @param {number} bytes */
 const kilobytes = (bytes) => `${Math.round(bytes / 1e3).toLocaleString("en")} kB`;
 
 /** @param {number} seconds */
 const lasting = (seconds) => (seconds < 120 ? `${Math.round(seconds)} s` : seconds < 7200 ? `${Math.round(seconds / 60)} min` : `${Math.round(seconds / 3600)} h`);
 
-/** @param {{ name: string, address: string | null, since_s: number, why: string | null, received: number, wanted: number, rate: number, lacks: number | null }} link */
+/** @param {Neighbour} link */
 function neighbour({ name, address, since_s, why, received, wanted, rate, lacks }) {
   if (why !== null) return { kind: "trouble", text: `${name}: does not answer for ${lasting(since_s)}: ${why}` };
   const parts = [address === null ? `not there for ${lasting(since_s)}` : address];
@@ -16,7 +19,7 @@ function neighbour({ name, address, since_s, why, received, wanted, rate, lacks 
   return { kind: address === null ? "gone" : "there", text: `${name}: ${parts.join(", ")}` };
 }
 
-/** @param {{ name: string, keyframes: number, missing: number, finished: boolean, is_lidar: boolean, is_joined: boolean }} map */
+/** @param {RemoteMap} map */
 function told({ name, keyframes, missing, finished, is_lidar, is_joined }) {
   const parts = [`${keyframes} keyframes${is_lidar ? " of a LiDAR" : ""}`, missing === 0 ? "all here" : `${missing} objects missing`];
   parts.push(finished ? "run over" : "under way");
@@ -24,7 +27,7 @@ function told({ name, keyframes, missing, finished, is_lidar, is_joined }) {
   return { kind: is_joined ? "joined" : "apart", text: `map of ${name}: ${parts.join(", ")}` };
 }
 
-/** @param {{ names: string[], verdict: string, why: string | null, is_told: boolean }} meeting */
+/** @param {PairLine} meeting */
 function meeting({ names, verdict, why, is_told }) {
   const said = is_told ? `${verdict}, as another found` : verdict;
   return { kind: verdict.replace(" ", "-"), text: `${names.join(" + ")}: ${said}${why === null ? "" : ` – ${why}`}` };
@@ -33,7 +36,7 @@ function meeting({ names, verdict, why, is_told }) {
 /**
  * Lines for people, the kind of each a word that colours it: neighbours first, then their maps, what became of meeting
  * and what was refused.
- * @param {{ listening: string | null, links: any[], maps: any[], meetings: any[], trouble: string[] }} near
+ * @param {Neighbourhood} near
  * @returns {{ kind: string, text: string }[]}
  */
 export function nearLines({ listening, links, maps, meetings, trouble }) {

@@ -2,19 +2,28 @@
 
 import { COLOURS } from "../../report/assets/colours.js";
 import { figures, quantile } from "../../report/assets/numbers.js";
-import { Drawing, byId, data, element, paintBar } from "../../report/assets/page.js";
+import { Drawing, byId, contextOf, data, element, paintBar } from "../../report/assets/page.js";
 import { nearLines } from "./near.js";
 import { scaleBreakText } from "./warnings.js";
+/** @import { LivePictureMessage } from "./decode.js" */
+/** @import { Feed } from "./feed.js" */
+/** @import { Neighbourhood, ScaleBreaks, Status } from "./types.js" */
 
 /** How long trends reach back, milliseconds. */
 const TREND_SPAN = 60000;
+/** @type {Record<string, string>} */
 const STATE_NAMES = { preparing: "preparing", starting: "starting", tracking: "tracking", lost: "lost", done: "finished", saved: "saved map", collecting: "collecting" };
 
+/** @param {number} value */
 const whole = (value) => Math.round(value).toLocaleString("en");
+/** @param {number} value */
 const points = (value) => (value < 1e4 ? whole(value) : value < 1e6 ? `${(value / 1e3).toFixed(0)} k` : `${(value / 1e6).toFixed(2)} M`);
+/** @param {number | null} value */
 const mebibytes = (value) => (value ? `${whole(value / 1048576)} MiB` : "–");
 
-/** Numbers in the head: `[label, text of a status]`; `null` leaves one out. */
+/** A number by its label and its text of a status. @typedef {[label: string, text: (status: Status) => string | null]} NumberOf */
+
+/** Numbers in the head: `[label, text of a status]`; `null` leaves one out. @type {Record<string, NumberOf>} */
 const TILES = {
   frame: ["frame", (s) => (s.frames ? `${whole(s.frame)} / ${whole(s.frames)}` : whole(s.frame))],
   fps: ["frames/s", (s) => s.frames_per_s.toFixed(1)],
@@ -25,6 +34,7 @@ const TILES = {
   dropped: ["dropped", (s) => whole(s.dropped)],
 };
 
+/** @type {Record<string, NumberOf>} */
 const FACTS = {
   matched: ["Points matched", (s) => whole(s.matched)],
   rmse: ["Residual, grey levels", (s) => figures(s.rmse ?? NaN)],
@@ -34,7 +44,7 @@ const FACTS = {
   folder: ["Results", (s) => s.folder],
 };
 
-/** What of these is shown of what is no run. */
+/** What of these is shown of what is no run. @type {Record<string, { tiles: string[], facts: string[] }>} */
 const SHOWN = {
   live: { tiles: Object.keys(TILES), facts: Object.keys(FACTS) },
   service: { tiles: Object.keys(TILES), facts: Object.keys(FACTS) },
@@ -42,10 +52,12 @@ const SHOWN = {
   station: { tiles: ["keyframes", "points", "memory"], facts: ["folder"] },
 };
 
+/** @param {Record<string, NumberOf>} all @param {string[]} names */
 const chosen = (all, names) => Object.fromEntries(names.map((name) => [name, all[name]]));
 
 /** A list of named numbers. */
 class Numbers {
+  /** @param {HTMLElement} list @param {Record<string, NumberOf>} shown */
   constructor(list, shown) {
     this.cells = Object.entries(shown).map(([name, [label, text]]) => {
       const value = element("dd", "–");
@@ -57,6 +69,7 @@ class Numbers {
     });
   }
 
+  /** @param {Status} status */
   show(status) {
     for (const { value, text, parts } of this.cells) {
       const now = text(status);
@@ -68,6 +81,7 @@ class Numbers {
 
 /** A small curve of the last minute. */
 class Trend extends Drawing {
+  /** @param {HTMLCanvasElement} canvas @param {string} colour @param {number} top */
   constructor(canvas, colour, top) {
     super(canvas);
     this.colour = colour;
@@ -76,6 +90,7 @@ class Trend extends Drawing {
     this.values = [];
   }
 
+  /** @param {number} value */
   push(value) {
     const now = performance.now();
     this.values.push([now, value]);
@@ -89,11 +104,12 @@ class Trend extends Drawing {
     if (!width) return;
     [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
     if (values.length < 2) return;
-    const context = canvas.getContext("2d"), now = values[values.length - 1][0];
+    const context = contextOf(canvas), now = values[values.length - 1][0];
     // A single slow frame may leave the picture, so that the others are seen.
     const top = this.top || quantile(values.map(([, v]) => v).sort((a, b) => a - b), 0.97) * 1.4 || 1;
     const span = Math.min(TREND_SPAN, Math.max(8000, now - values[0][0]));
     context.scale(ratio, ratio);
+    /** @param {[number, number]} moment @returns {[number, number]} */
     const place = ([at, v]) => [width - ((now - at) / span) * width, height - 2 - Math.min(1, v / top) * (height - 5)];
     context.beginPath();
     values.forEach((value, i) => context[i ? "lineTo" : "moveTo"](...place(value)));
@@ -111,6 +127,11 @@ class Trend extends Drawing {
 
 /** The live image, its depths in colour over it. */
 class LivePicture extends Drawing {
+  /** The newest. @type {LivePictureMessage | null} */
+  last = null;
+  /** What it is drawn in. @type {ImageData | null} */
+  image = null;
+
   constructor() {
     super(byId("picture"));
     this.grey = Uint32Array.from({ length: 256 }, (_, v) => 0xff000000 | (v * 0x010101));
@@ -120,6 +141,7 @@ class LivePicture extends Drawing {
     byId("show-depth").addEventListener("input", () => this.redraw());
   }
 
+  /** @param {LivePictureMessage} picture */
   show(picture) {
     this.last = picture;
     this.redraw();
@@ -133,7 +155,7 @@ class LivePicture extends Drawing {
       [canvas.width, canvas.height] = [width, height];
       this.image = null;
     }
-    const context = canvas.getContext("2d");
+    const context = contextOf(canvas);
     this.image = this.image || context.createImageData(width, height);
     const out = new Uint32Array(this.image.data.buffer), { grey } = this;
     for (let i = 0; i < out.length; i++) out[i] = grey[picture.grey[i]];
@@ -143,10 +165,10 @@ class LivePicture extends Drawing {
     const [far, near] = picture.range;
     byId("far").textContent = picture.count ? `${figures(1 / near)} near` : "";
     byId("near").textContent = picture.count ? `far ${figures(1 / far)}` : "";
-    document.documentElement.dataset.overlaid = picture.count;
+    document.documentElement.dataset.overlaid = String(picture.count);
   }
 
-  /** Dots of two by two pixels. */
+  /** Dots of two by two pixels. @param {Uint32Array} out @param {LivePictureMessage} picture */
   overlay(out, { width, height, pixels, codes, count }) {
     for (let i = 0; i < count; i++) {
       const x = Math.min(pixels[i * 2], width - 2), y = Math.min(pixels[i * 2 + 1], height - 2), at = y * width + x;
@@ -157,39 +179,40 @@ class LivePicture extends Drawing {
 
 /** Everything beside the 3-D view. */
 export class Panel {
-  constructor(feed) {
-    this.feed = feed;
+  constructor() {
     const { tiles, facts } = SHOWN[data.mode];
     this.tiles = new Numbers(byId("tiles"), chosen(TILES, tiles));
     this.facts = new Numbers(byId("facts"), chosen(FACTS, facts));
     this.share = new Trend(byId("trend-share"), "--plot-2", 1);
     this.ms = new Trend(byId("trend-ms"), "--plot-1", 0);
     this.picture = new LivePicture();
+    /** @type {Status | null} */
     this.status = null;
     /** What was last shown of who is near. */
     this.nearSaid = "";
-    if (data.mode === "live") this.bind();
   }
 
-  bind() {
-    const toggle = () => this.feed().command(this.status && this.status.paused ? "resume" : "pause");
+  /** Sends what its buttons say. @param {Feed} feed */
+  obey(feed) {
+    if (data.mode !== "live") return;
+    const toggle = () => feed.command(this.status && this.status.paused ? "resume" : "pause");
     byId("pause").addEventListener("click", toggle);
-    byId("save").addEventListener("click", () => this.feed().command("save"));
+    byId("save").addEventListener("click", () => feed.command("save"));
     const ask = byId("ask-restart");
     byId("restart").addEventListener("click", () => ask.showModal());
     byId("restart-yes").addEventListener("click", () => {
       ask.close();
-      this.feed().command("restart");
+      feed.command("restart");
     });
     byId("restart-no").addEventListener("click", () => ask.close());
-    byId("record").addEventListener("click", () => this.status && this.feed().command("record", !this.status.recording));
+    byId("record").addEventListener("click", () => this.status && feed.command("record", !this.status.recording));
     // Only while the focus is in here: who dictates, or types for something else, stops no robot by a letter.
     byId("side").addEventListener("keydown", (event) => {
       if (event.key === "p" && !event.ctrlKey && !event.metaKey && !event.altKey && !byId("pause").disabled) toggle();
     });
   }
 
-  /** Shows where the run stands. */
+  /** Shows where the run stands. @param {Status} status */
   show(status) {
     const before = this.status;
     this.status = status;
@@ -206,7 +229,7 @@ export class Panel {
     }
     byId("pause").textContent = status.paused ? "Resume" : "Pause";
     byId("record").textContent = status.recording ? "Stop recording" : "Record";
-    byId("record").setAttribute("aria-pressed", Boolean(status.recording));
+    byId("record").setAttribute("aria-pressed", String(Boolean(status.recording)));
     const reason = status.reason && status.state !== "tracking" ? `No pose: ${status.reason}. ` : "";
     // A reader of the screen reads it out: only what is new.
     if (byId("note").textContent !== reason + status.note) byId("note").textContent = reason + status.note;
@@ -217,7 +240,7 @@ export class Panel {
     if (status.state === "done" && status.report) this.offerReport();
   }
 
-  /** Shows who is near, of an agent that pairs. */
+  /** Shows who is near, of an agent that pairs. @param {Neighbourhood | null} neighbourhood */
   near(neighbourhood) {
     byId("near-by").hidden = !neighbourhood;
     if (!neighbourhood) return;
@@ -227,22 +250,23 @@ export class Panel {
     byId("near-list").replaceChildren(...lines.map(({ kind, text }) => Object.assign(element("li", null, element("span", text)), { className: kind })));
   }
 
-  /** Says where the scale was not carried on; it stays, for what comes after is in another unit. */
+  /** Says where the scale was not carried on; it stays, for what comes after is in another unit. @param {ScaleBreaks | null} found */
   scaleBreak(found) {
     const banner = byId("scale-break"), text = found ? scaleBreakText(found) : "";
     banner.hidden = !found;
     if (banner.textContent !== text) banner.textContent = text;
   }
 
+  /** @param {boolean} on */
   enable(on) {
-    for (const name of ["pause", "save", "restart", "record"]) byId(name).disabled = !on;
+    [byId("pause"), byId("save"), byId("restart"), byId("record")].forEach((button) => (button.disabled = !on));
     if (on && this.status && this.status.recording === null) {
       byId("record").disabled = true;
       byId("record").title = "Nothing here records: start with a recorder";
     }
   }
 
-  /** Says something across the page. */
+  /** Says something across the page. @param {string} text @param {boolean} bad */
   say(text, bad) {
     const banner = byId("banner");
     banner.hidden = !text;
@@ -256,7 +280,7 @@ export class Panel {
     byId("banner").append(". ", link);
   }
 
-  /** The connection came or went. */
+  /** The connection came or went. @param {boolean} on */
   link(on) {
     document.documentElement.dataset.link = on ? "open" : "closed";
     const done = this.status && this.status.state === "done";

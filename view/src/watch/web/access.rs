@@ -69,7 +69,7 @@ impl Address {
         if request.origin.is_some_and(|origin| !is_own(origin)) {
             return Err("another page may not look at this one's run");
         }
-        let mut given = [request.token, request.kept_token].into_iter().flatten();
+        let mut given = [request.token, request.kept_token, request.bearer].into_iter().flatten();
         if self.token.is_some() && !given.any(|token| self.is_token(token)) {
             return Err("the token is missing or wrong: open the address that the program printed");
         }
@@ -93,6 +93,8 @@ pub struct Visit<'a> {
     pub token: Option<&'a str>,
     /// The token that the browser kept.
     pub kept_token: Option<&'a str>,
+    /// The token in the header `Authorization`, as programs send it.
+    pub bearer: Option<&'a str>,
 }
 
 /// Whether a host, with or without a port, is this machine's own for itself. The port is free: it differs where a
@@ -123,7 +125,7 @@ mod tests {
     }
 
     fn visit<'a>(host: &'a str, origin: Option<&'a str>, token: Option<&'a str>) -> Visit<'a> {
-        Visit { host: Some(host), origin, token, kept_token: None }
+        Visit { host: Some(host), origin, token, ..Visit::default() }
     }
 
     #[test]
@@ -156,6 +158,9 @@ mod tests {
         let kept = |token| Visit { kept_token: Some(token), ..visit("192.168.0.7:7171", None, None) };
         assert!(open.admit(&kept("0123456789abcdef")).is_ok());
         assert!(open.admit(&kept("0123456789abcdeF")).is_err());
+        let bearer = |token| Visit { bearer: Some(token), ..visit("192.168.0.7:7171", None, None) };
+        assert!(open.admit(&bearer("0123456789abcdef")).is_ok());
+        assert!(open.admit(&bearer("0123456789abcdeF")).is_err());
         let foreign = visit("192.168.0.7:7171", Some("http://evil.example"), Some("0123456789abcdef"));
         assert!(open.admit(&foreign).is_err());
         let behind_a_proxy = visit("robot.example", Some("https://robot.example"), Some("0123456789abcdef"));

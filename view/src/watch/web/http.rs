@@ -22,6 +22,7 @@ pub struct Request {
     origin: Option<String>,
     token: Option<String>,
     cookies: Option<String>,
+    bearer: Option<String>,
     /// The key of a wish to open a WebSocket.
     pub websocket_key: Option<String>,
 }
@@ -30,7 +31,7 @@ impl Request {
     /// What it says of who sent it.
     pub fn visit(&self) -> Visit<'_> {
         let (host, origin, token) = (self.host.as_deref(), self.origin.as_deref(), self.token.as_deref());
-        Visit { host, origin, token, kept_token: None }
+        Visit { host, origin, token, kept_token: None, bearer: self.bearer.as_deref() }
     }
 
     /// A cookie by its name.
@@ -91,10 +92,17 @@ impl Request {
             host: value("host"),
             origin: value("origin").or(origins.then(String::new)),
             cookies: value("cookie"),
+            bearer: value("authorization").as_deref().and_then(bearer_token).map(str::to_owned),
             token: query.split('&').find_map(|pair| pair.strip_prefix("token=")).map(str::to_owned),
             websocket_key: value("sec-websocket-key").filter(|_| upgrades),
         }))
     }
+}
+
+/// The token of a header `Authorization: Bearer`.
+fn bearer_token(header: &str) -> Option<&str> {
+    let (scheme, token) = header.split_once(' ')?;
+    scheme.eq_ignore_ascii_case("bearer").then(|| token.trim())
 }
 
 /// Sends a whole answer; the connection ends with it.
@@ -167,6 +175,13 @@ mod tests {
         assert_eq!(visit.token, Some("secret"));
         assert_eq!((request.cookie("loopbox-7"), request.cookie("loopbox")), (Some("kept"), None));
         assert_eq!(request.websocket_key.as_deref(), Some("abc"));
+        for (header, token) in
+            [("Bearer key", Some("key")), ("bearer  key ", Some("key")), ("Basic key", None), ("key", None)]
+        {
+            let text = format!("GET / HTTP/1.1\r\nAuthorization: {header}\r\n\r\n");
+            let request = Request::read(&mut text.as_bytes()).expect("a fine request");
+            assert_eq!(request.visit().bearer, token, "{header}");
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ pub(super) mod access;
 mod client;
 mod encode;
 pub(super) mod http;
+mod metrics;
 mod page;
 mod room;
 mod run;
@@ -15,7 +16,7 @@ pub use client::PageSession;
 pub use encode::picture as picture_message;
 pub use tungstenite::Message;
 
-use super::Shared;
+use super::{Shared, Status};
 use crate::report::page::policy_of;
 use crate::report::script::Script;
 use crate::script;
@@ -70,14 +71,22 @@ struct Site {
 struct ServedPage {
     page: Box<dyn Fn() -> Result<String> + Send + Sync>,
     open: Box<dyn Fn() -> Box<dyn PageSession> + Send + Sync>,
+    /// The scene that it shows, where it shows one.
+    scene: Option<(Mode, Arc<Shared>)>,
 }
 
 impl ServedPage {
     /// A scene, with whom it shows when the page is asked for.
     fn of(shared: &Arc<Shared>, title: &str, mode: Mode) -> Self {
+        let scene = Some((mode, Arc::clone(shared)));
         let (title, seen, shared) = (title.to_owned(), Arc::clone(shared), Arc::clone(shared));
         let page = move || page::render(&title, &seen.scene(), mode);
-        Self { page: Box::new(page), open: Box::new(move || Box::new(run::Audience::join(&shared))) }
+        Self { page: Box::new(page), open: Box::new(move || Box::new(run::Audience::join(&shared))), scene }
+    }
+
+    /// What is shown of a scene beside it.
+    fn status(&self) -> Option<(Mode, Status)> {
+        self.scene.as_ref().map(|(mode, shared)| (*mode, shared.scene().status().clone()))
     }
 
     /// A run that takes commands, or a scene of which nobody does.
@@ -131,7 +140,8 @@ impl Server {
         open: impl Fn() -> Box<dyn PageSession> + Send + Sync + 'static,
     ) -> Result<Self> {
         let page = move || Ok(page.clone());
-        Self::begin(address, Some(ServedPage { page: Box::new(page), open: Box::new(open) }), None)
+        let served = ServedPage { page: Box::new(page), open: Box::new(open), scene: None };
+        Self::begin(address, Some(served), None)
     }
 
     fn begin(address: Address, served: Option<ServedPage>, health: Option<Health>) -> Result<Self> {
@@ -238,6 +248,10 @@ impl Site {
                 let status = if is_well { "200 OK" } else { UNAVAILABLE };
                 http::answer(&mut stream, status, "application/json", text.as_bytes())
             }
+            ("GET", "/metrics", ..) => match self.metrics(served.as_deref()) {
+                Some(text) => http::answer(&mut stream, "200 OK", metrics::KIND, text.as_bytes()),
+                None => http::answer(&mut stream, NOT_FOUND, "text/plain", b"nothing is measured here"),
+            },
             ("GET", "/ws", Some(key), Some(served), _) => {
                 http::upgrade(&mut stream, key)?;
                 client::serve(stream, &mut *(served.open)());
@@ -277,6 +291,13 @@ impl Site {
         });
         let more = [policy, cookie].map(Option::unwrap_or_default).concat();
         http::answer_with(stream, "200 OK", "text/html", page.as_bytes(), &more)
+    }
+
+    /// What is known as Prometheus reads it; nothing where no scene is shown and nobody says how things are.
+    fn metrics(&self, served: Option<&ServedPage>) -> Option<String> {
+        let is_well = self.health.as_ref().map(|health| health().0);
+        let displayed = served.and_then(ServedPage::status);
+        (is_well.is_some() || displayed.is_some()).then(|| metrics::text(is_well, displayed))
     }
 
     /// The report of what is shown.

@@ -88,3 +88,31 @@ fn a_report_is_served_once_it_is_written() {
     let policy = header(&answer, "Content-Security-Policy");
     assert_eq!(policy, Some("default-src 'none'; img-src data:; frame-ancestors 'none'"));
 }
+
+#[test]
+fn numbers_are_told_to_who_has_the_token_and_to_nobody_else() {
+    let (_server, at) = guarded();
+    for refused in ["", "Authorization: Bearer open-sesam\r\n", &format!("Authorization: Basic {TOKEN}\r\n")]
+    {
+        assert!(ask(at, "/metrics", refused).starts_with("HTTP/1.1 403 Forbidden"), "{refused}");
+    }
+    let bearer = ask(at, "/metrics", &format!("Authorization: Bearer {TOKEN}\r\n"));
+    for answer in [bearer, ask(at, &format!("/metrics?token={TOKEN}"), "")] {
+        assert!(answer.starts_with("HTTP/1.1 200 OK"), "{answer}");
+        assert_eq!(header(&answer, "Content-Type"), Some("text/plain; version=0.0.4; charset=utf-8"));
+        assert!(answer.ends_with('\n') && answer.contains("\nloopbox_keyframes 0\n"), "{answer}");
+        assert_eq!(header(&answer, "Set-Cookie"), None);
+    }
+}
+
+#[test]
+fn between_the_runs_of_an_agent_its_health_is_told_and_a_page_of_no_scene_has_no_numbers() {
+    let own = |port| Address::new(Ipv4Addr::LOCALHOST.into(), Some(port), None).unwrap();
+    let at = |server: &Server| server.url()["http://".len()..].split('/').next().unwrap().parse().unwrap();
+    let agent = Server::with_health(own(0), Box::new(|| (true, "{}".into()))).unwrap();
+    assert!(ask(at(&agent), "/metrics", "").contains("\nloopbox_healthy 1\n"));
+    let shared = Arc::new(Shared::new(Scene::default(), None));
+    let other =
+        Server::serve(own(0), "a page".into(), move || Box::new(run::Audience::join(&shared))).unwrap();
+    assert!(ask(at(&other), "/metrics", "").starts_with("HTTP/1.1 404 Not Found"));
+}

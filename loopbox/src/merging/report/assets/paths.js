@@ -3,28 +3,29 @@
 import { nameOf } from "./tables.js";
 import { Chart } from "../../../../../view/src/report/assets/chart.js";
 import { figures, quantile, unpack } from "../../../../../view/src/report/assets/numbers.js";
-import { byId, data, element } from "../../../../../view/src/report/assets/page.js";
+import { byId, data, element, parentOf } from "../../../../../view/src/report/assets/page.js";
 import { nearestTime } from "../../../../../view/src/report/assets/playing.js";
 import { agentColour, agents, keyframes, lengthUnit, shared, spans, trajectory } from "../../../../../view/src/report/assets/scene.js";
 import { heads, medians, plotTable } from "../../../../../view/src/report/assets/tabular.js";
 import { MERGE_EDGE } from "../../../../../view/src/report/assets/viewer.js";
+/** @import { Panel, Readout } from "../../../../../view/src/report/assets/types.js" */
 
 export const paths = {
   seconds: unpack(data.paths.seconds, Float32Array),
   position: unpack(data.paths.position, Float32Array),
   turns: unpack(data.paths.turns, Float32Array),
   spans: spans(trajectory.agent, trajectory.count),
-  /** The frame of an agent nearest to a time; −1 outside of its recording. */
+  /** The frame of an agent nearest to a time; −1 outside of its recording. @param {number} agent @param {number} seconds */
   near(agent, seconds) {
     const [first, end] = this.spans[agent];
     return end > first && seconds <= this.seconds[end - 1] ? nearestTime(this.seconds, first, end, seconds) : -1;
   },
 };
 
-shared.framePointedAt = (agent) => paths.near(agent, shared.hoverAt);
+shared.framePointedAt = (agent) => (shared.hoverAt === null ? -1 : paths.near(agent, shared.hoverAt));
 shared.placeOfTime = (seconds) => seconds;
 
-/** The frames at the keyframes that closures match, by agent. */
+/** The frames at the keyframes that closures match, by agent. @returns {Set<number>[]} */
 export function matchedFrames() {
   const edges = unpack(data.scene.edges, Uint32Array), found = agents.map(() => new Set());
   for (let i = 0; i < edges.length; i += 3) {
@@ -39,7 +40,7 @@ export function matchedFrames() {
   return found;
 }
 
-/** Panels of three columns of numbers. */
+/** Panels of three columns of numbers. @param {string[]} titles @param {string} unit @param {Float32Array} numbers @returns {Panel[]} */
 export function pathPanels(titles, unit, numbers) {
   return titles.map((title, column) => {
     const values = numbers.filter((_, i) => i % 3 === column);
@@ -49,7 +50,9 @@ export function pathPanels(titles, unit, numbers) {
   });
 }
 
+/** The plots of three columns of numbers. @extends {Chart<Panel>} */
 export class PathPlots extends Chart {
+  /** @param {HTMLCanvasElement} canvas @param {Panel[]} panels */
   constructor(canvas, panels) {
     const last = paths.seconds.reduce((a, b) => Math.max(a, b), 0);
     super(canvas, panels, [0, last || 1], 0, "s");
@@ -61,6 +64,7 @@ export class PathPlots extends Chart {
     });
   }
 
+  /** @param {CanvasRenderingContext2D} context @param {Panel} panel @param {(value: number) => number} at */
   drawCurves(context, panel, at) {
     context.lineWidth = 1.6;
     context.lineJoin = "round";
@@ -83,6 +87,7 @@ export class PathPlots extends Chart {
     });
   }
 
+  /** @param {CanvasRenderingContext2D} context @param {number} x @param {number} y @param {string} colour */
   drawRing(context, x, y, colour) {
     context.strokeStyle = colour;
     context.beginPath();
@@ -90,26 +95,28 @@ export class PathPlots extends Chart {
     context.stroke();
   }
 
+  /** @param {Panel} panel @returns {Readout[]} */
   readout(panel) {
     if (shared.hoverAt === null) return [];
-    const texts = agents.map((_, agent) => [shared.framePointedAt(agent), agentColour(agent)]);
-    return texts.filter(([frame]) => frame >= 0).map(([frame, colour]) => [figures(panel.values[frame]), colour, 650]);
+    const texts = agents.map((_, agent) => ({ frame: shared.framePointedAt(agent), colour: agentColour(agent) }));
+    return texts.filter(({ frame }) => frame >= 0).map(({ frame, colour }) => [figures(panel.values[frame]), colour, 650]);
   }
 
-  /** Shows the span that another shows. */
+  /** Shows the span that another shows. @param {PathPlots} other */
   follow(other) {
-    this.range = other.range;
-    this.redraw();
+    this.show(other.range);
   }
 
   cursor() {
     return shared.hoverAt === null ? null : { at: shared.hoverAt, text: `${shared.hoverAt.toFixed(2)} s` };
   }
 
+  /** @param {number} seconds */
   point(seconds) {
     shared.hover(seconds);
   }
 
+  /** @param {number} direction */
   walk(direction) {
     const [low, high] = this.range;
     const at = shared.hoverAt === null ? low : shared.hoverAt + direction * (high - low) / 200;
@@ -132,7 +139,7 @@ export function startPaths() {
     new PathPlots(byId("turns"), pathPanels(["Roll", "Pitch", "Yaw"], "degrees", paths.turns)),
   ];
   const panels = columns.flatMap((column) => column.panels);
-  byId("positions").parentElement.append(plotTable(["Agent", "From, s", ...heads(panels)], () => agents.flatMap(({ name }, agent) => medians(panels, paths.spans[agent], ([first]) => [name, paths.seconds[first].toFixed(1)], 12))));
+  parentOf(byId("positions")).append(plotTable(["Agent", "From, s", ...heads(panels)], () => agents.flatMap(({ name }, agent) => medians(panels, paths.spans[agent], ([first]) => [name, paths.seconds[first].toFixed(1)], 12))));
   // Both show one span.
   columns.forEach((column, i) => column.canvas.addEventListener("pointerup", () => columns[1 - i].follow(column)));
   columns.forEach((column, i) => column.canvas.addEventListener("dblclick", () => columns[1 - i].follow(column)));

@@ -1,10 +1,11 @@
 // Puts the page together.
 
 import { startPaths } from "./paths.js";
-import { fillAgents, fillHead, fillNumbers, fillPairs, fillTimes, meetingSection, plural } from "./tables.js";
+import { fillAgents, fillHead, fillNumbers, fillPairs, fillTimes, meetingSection, meetings, mergeGraph, plural } from "./tables.js";
 import { startViewer } from "../../../../../view/src/report/assets/controls.js";
-import { Drawing, byId, data } from "../../../../../view/src/report/assets/page.js";
+import { Drawing, byId, contextOf } from "../../../../../view/src/report/assets/page.js";
 import { agentColour, agents, keyframeInWords, shared } from "../../../../../view/src/report/assets/scene.js";
+/** @import { ReadColour } from "../../../../../view/src/report/assets/types.js" */
 
 /** The merges as a graph: agents on a circle, lines between those that were merged. */
 class MergeGraph extends Drawing {
@@ -13,17 +14,19 @@ class MergeGraph extends Drawing {
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
     if (!width) return;
     [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
-    const context = canvas.getContext("2d"), style = getComputedStyle(document.documentElement);
+    const context = contextOf(canvas), style = getComputedStyle(document.documentElement);
+    /** @param {string} name */
     const colour = (name) => style.getPropertyValue(name).trim();
     context.scale(ratio, ratio);
     context.font = `12px ${style.fontFamily}`;
     context.textBaseline = "middle";
     const [rx, ry] = [Math.min(width / 2 - 76, 120), height / 2 - 30];
+    /** @param {number} i @returns {[number, number]} */
     const place = (i) => {
       const angle = (i / agents.length) * 2 * Math.PI - (agents.length === 2 ? Math.PI : Math.PI / 2);
       return [width / 2 + rx * Math.cos(angle), height / 2 + ry * Math.sin(angle)];
     };
-    data.graph.merges.forEach(({ agents: [a, b], closures, in_tree: tree }) => {
+    mergeGraph.merges.forEach(({ agents: [a, b], closures, in_tree: tree }) => {
       const [p, q] = [place(a), place(b)];
       context.strokeStyle = colour(tree ? "--text" : "--faint");
       context.lineWidth = tree ? 3 : 1.2;
@@ -46,7 +49,7 @@ class MergeGraph extends Drawing {
     });
   }
 
-  /** Text on a patch of the card's colour. */
+  /** Text on a patch of the card's colour. @param {CanvasRenderingContext2D} context @param {string} text @param {number} x @param {number} y @param {ReadColour} colour */
   label(context, text, x, y, colour) {
     const { width } = context.measureText(text);
     context.fillStyle = colour("--card");
@@ -70,7 +73,7 @@ fillAgents();
 fillPairs();
 fillNumbers();
 fillTimes();
-byId("meetings").append(...[...data.meetings].sort((a, b) => Number(Boolean(a.refusal)) - Number(Boolean(b.refusal))).map(meetingSection));
+byId("meetings").append(...[...meetings].sort((a, b) => Number(Boolean(a.refusal)) - Number(Boolean(b.refusal))).map(meetingSection));
 const controls = startViewer();
 const graph = new MergeGraph(byId("graph"));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => graph.redraw());
