@@ -178,7 +178,7 @@ impl Exchange {
             let (asked, is_well) = (state.asked, trouble.is_empty());
             let is_idle = |state: &mut State| {
                 let has_news = state.asked != asked || state.ends != ends || !state.maps.is_empty();
-                !state.leaves && !(is_well && has_news)
+                !(state.leaves || is_well && has_news)
             };
             drop(self.shared.changes.wait_timeout_while(state, rest, is_idle));
         }

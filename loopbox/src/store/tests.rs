@@ -1,5 +1,4 @@
 use super::*;
-use crate::lidar::merging::LidarMergeParams;
 use crate::lidar::{LidarMergeOptions, merge_maps};
 use crate::run::Silent;
 use geometry::{GrayImage, Se3, Sim3};
@@ -51,7 +50,7 @@ fn a_map_is_put_once_and_called_by_its_hash() {
     let digests = [store.put_map(&file).unwrap(), store.put_map(&file).unwrap()];
     assert_eq!(digests[0], digests[1]);
     let name = format!("maps/{}.mcap", MapDigest::of(&file).unwrap().as_str());
-    assert_eq!(store.maps().unwrap(), [name.clone()]);
+    assert_eq!(store.maps().unwrap(), std::slice::from_ref(&name));
     assert_eq!(fs::read(store.file(&name, &|_| {}).unwrap()).unwrap(), b"abc");
     let missing = store.put_map(&room.path().join("none.mcap")).unwrap_err().to_string();
     assert!(missing.contains("none.mcap: cannot be read"), "{missing}");
@@ -72,9 +71,8 @@ fn workers_find_what_a_merge_of_lidars_keeps_and_nothing_is_left_for_it() {
     let asked: usize = both.iter().map(|work| work.asked).sum();
     assert!(asked >= 3 && both.iter().all(|work| work.left_out.is_empty()), "{both:?}");
     let reference = room.path().join("reference");
-    let (params, confirm) = (LidarMergeParams::default(), Vec::new());
-    let (out, verdicts) = (room.path().join("out"), Some(reference.clone()));
-    let merge = LidarMergeOptions { out, force: false, params, verdicts, confirm };
+    let verdicts = Some(reference.clone());
+    let merge = LidarMergeOptions { verdicts, ..LidarMergeOptions::to(room.path().join("out")) };
     merge_maps(&paths, &merge, &Stop::default(), &mut |_| {}).unwrap();
     assert!(files(&reference).len() == 3 && files(&place.join("verdicts")) == files(&reference));
     assert_eq!(work(&options, &Stop::default(), &Silent).unwrap(), Work::default());

@@ -290,9 +290,7 @@ impl Normal {
 
     /// Variances of the sensor's unknowns; `None` when the system is not positive definite, or the sensor is not solved for.
     pub fn sensor_variances(&mut self, problem: &Problem, pairs: &Pairs) -> Option<[f64; UNKNOWNS]> {
-        if self.border.is_none() {
-            return None;
-        }
+        self.border.as_ref()?;
         self.system.damp(|_| 1e-9);
         eliminate_depths(self, problem, pairs, 0.0);
         self.system.solve()?;
