@@ -76,7 +76,7 @@ for (const plot of data.plots) {
 
 if (data.plots.length) {
   /** @type {Plotted[]} */
-  const panels = data.plots.map((/** @type {{ name: string, values: string }} */ { name, values }) => ({ title: name, unit: "", values: unpack(values, Float32Array) }));
+  const panels = data.plots.map((/** @type {Record<"name" | "values", string>} */ { name, values }) => ({ title: name, unit: "", values: unpack(values, Float32Array) }));
   const count = Math.max(...panels.map(({ values }) => values.length));
   byId("plots").append(plotTable(["Part", ...heads(panels)], () => medians(panels, [0, count], ([first, end]) => [`${first + 1}–${end}`])));
 }
