@@ -140,8 +140,8 @@ impl Fetch {
     }
 
     /// The neighbour said something, whatever it is.
-    pub fn heard(&mut self, now: Duration) {
-        self.pace.heard(now);
+    pub fn note_message(&mut self, now: Duration) {
+        self.pace.note_message(now);
     }
 
     /// Whether a request, or what answers it, was lost.
@@ -295,7 +295,7 @@ struct Pace {
     /// When the last answer came, patience grew, or the link went on after it stood still.
     answer: Duration,
     /// When the neighbour was heard last.
-    heard: Duration,
+    received_at: Duration,
     /// How often patience was doubled since the last answer.
     backoff: u32,
     since: Option<Duration>,
@@ -307,10 +307,10 @@ struct Pace {
 impl Default for Pace {
     fn default() -> Self {
         let (least, smoothed, since) = (None, None, None);
-        let (answer, heard) = Default::default();
+        let (answer, received_at) = Default::default();
         let (rate, answered, overtaken) = (0.0, 1.0, 0.0);
         let (backoff, bytes, busy) = (0, 0, true);
-        Self { rate, least, smoothed, answered, overtaken, answer, heard, backoff, since, bytes, busy }
+        Self { rate, least, smoothed, answered, overtaken, answer, received_at, backoff, since, bytes, busy }
     }
 }
 
@@ -372,17 +372,17 @@ impl Pace {
 
     /// Whether nothing at all was answered for long, by a neighbour that is heard.
     fn is_unanswered(&self, now: Duration) -> bool {
-        let is_still = now.saturating_sub(self.heard) > STILL;
+        let is_still = now.saturating_sub(self.received_at) > STILL;
         !is_still && now.saturating_sub(self.answer) > self.patience_unanswered()
     }
 
     /// The neighbour is heard. Time in which the link stood still does not count: what was under way comes now.
-    fn heard(&mut self, now: Duration) {
-        let silent = now.saturating_sub(self.heard);
+    fn note_message(&mut self, now: Duration) {
+        let silent = now.saturating_sub(self.received_at);
         if silent > STILL {
             (self.backoff, self.answer) = (0, (self.answer + silent).min(now));
         }
-        self.heard = now;
+        self.received_at = now;
     }
 
     /// So many requests were lost, so many of them overtaken. Where nothing at all is answered, one waits twice as long.

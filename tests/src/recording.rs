@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn what_moves_by_is_blurred_along_its_way() {
+    fn what_moves_by_is_blurred() {
         let (world, path) = (World::yard(1), trajectory::sideways(40, 3.0));
         let sharp = Recording::render(&world, Recording::SMALL_CAMERA, &path[..3], 30.0);
         let shutter = Shutter { readout: 0.0, exposure: 0.03 };

@@ -24,7 +24,7 @@ const WALL: f64 = 14.0;
 /// Angle between the camera and the way ahead: to the side, so that the two directions of a street show the same houses.
 const ASIDE: f64 = 1.15;
 /// Metres that a camera needs to turn from one side to the other.
-const TURN: f64 = 40.0;
+const PAN: f64 = 40.0;
 
 /// How a drive comes back.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -77,8 +77,8 @@ fn corners(how: Return, block: Vector2<f64>) -> Vec<Vector2<f64>> {
 
 /// Poses of the camera, a frame every [`STEP`] metres.
 fn drive(how: Return, block: Vector2<f64>, seed: u64) -> Vec<Se3> {
-    let way = rounded(&corners(how, block));
-    let length = way.len() as f64 * STEP;
+    let path = rounded(&corners(how, block));
+    let length = path.len() as f64 * STEP;
     let turned = SHARED + block.x + block.y;
     let mut random = Random::new(seed ^ 0xd21e);
     let mut phase = || f64::from(random.uniform(0.0, std::f32::consts::TAU));
@@ -87,13 +87,13 @@ fn drive(how: Return, block: Vector2<f64>, seed: u64) -> Vec<Se3> {
         let travelled = i as f64 * STEP;
         let left = Vector2::new(-heading.cos(), heading.sin());
         let aside = match how {
-            Return::MetreAside => smooth((travelled - 0.5 * length) / TURN),
+            Return::MetreAside => smooth((travelled - 0.5 * length) / PAN),
             _ => 0.0,
         };
         let at = at + left * aside;
         // To the left all the way, or to the right at first.
         let side = match how {
-            Return::OtherDirection => 1.0 - 2.0 * smooth((travelled - turned) / TURN),
+            Return::OtherDirection => 1.0 - 2.0 * smooth((travelled - turned) / PAN),
             _ => -1.0,
         };
         let height = HEIGHT + 0.02 * (0.9 * travelled + bounce).sin();
@@ -104,7 +104,7 @@ fn drive(how: Return, block: Vector2<f64>, seed: u64) -> Vec<Se3> {
         let pitch = 0.05 + 0.01 * (1.1 * travelled + nod).sin();
         look(Vector3::new(at.x, -height, at.y), heading + side * ASIDE, pitch) * tilt
     };
-    way.iter().enumerate().map(pose).collect()
+    path.iter().enumerate().map(pose).collect()
 }
 
 /// From 0 to 1 while `x` goes there, without a jump of its slope.
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn no_house_stands_in_the_way() {
+    fn no_house_stands_on_the_path() {
         let block = Vector2::new(60.0, 48.0);
         let world = streets(block, 3);
         for pose in drive(Return::OtherDirection, block, 3) {

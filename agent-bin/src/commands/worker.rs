@@ -49,7 +49,7 @@ pub fn run(args: &WorkerArgs) -> Result<()> {
     if !quiet && !args.once {
         tell!("judging the pairs of the maps in {}/maps, as they come", args.store.display());
     }
-    let done = work(&options, &stop, &Said { quiet })?;
+    let done = work(&options, &stop, &WorkerOutput { quiet })?;
     if !quiet {
         tell!("{} judged here", counted(done.asked, "pair of maps", "pairs of maps"));
     }
@@ -60,11 +60,11 @@ pub fn run(args: &WorkerArgs) -> Result<()> {
 }
 
 /// Says what happens, a line each.
-struct Said {
+struct WorkerOutput {
     quiet: bool,
 }
 
-impl MergeWatcher for Said {
+impl MergeWatcher for WorkerOutput {
     fn stage(&self, text: &str) {
         console::step(self.quiet, text);
     }

@@ -43,7 +43,7 @@ impl Node {
         known.last_received = now;
         let node = known.node;
         if let Some(neighbour) = node.and_then(|node| self.neighbours.get_mut(&node)) {
-            neighbour.fetch.heard(now);
+            neighbour.fetch.note_message(now);
         }
         let is_push =
             !matches!(message, Message::Get { .. } | Message::Part { .. } | Message::Missing { .. });

@@ -252,18 +252,18 @@ mod tests {
 
     struct Room {
         folder: tempfile::TempDir,
-        said: Receiver<String>,
+        warnings: Receiver<String>,
         sharing: Sharing,
     }
 
     impl Room {
         fn new() -> Self {
             let folder = tempfile::tempdir().unwrap();
-            let (tell, said) = channel();
+            let (tell, warnings) = channel();
             let store = Store::at(&folder.path().join("store")).unwrap();
             let warn = move |text: &str| drop(tell.send(text.to_owned()));
             let sharing = Sharing::start(store, &folder.path().join("here"), warn).unwrap();
-            Self { folder, said, sharing }
+            Self { folder, warnings, sharing }
         }
 
         fn path(&self, name: &str) -> PathBuf {
@@ -305,7 +305,7 @@ mod tests {
         assert!(room.sharing.has_come() && room.sharing.take_come() && !room.sharing.has_come());
         assert!(!here(&other).exists(), "nobody wants it");
         // What is on other maps than its name says is not taken.
-        let said = room.said.recv_timeout(PATIENCE).unwrap();
+        let said = room.warnings.recv_timeout(PATIENCE).unwrap();
         assert!(!here(&odd).exists() && said.contains(&odd.object()) && said.contains("delete it"), "{said}");
         let (path, digest) = room.map("a");
         room.sharing.offer([(&*path, &digest), (&*path, &digest)].into_iter());
@@ -317,14 +317,14 @@ mod tests {
     }
 
     #[test]
-    fn a_store_that_fails_is_told_and_tried_again_and_holds_nobody_up() {
+    fn a_store_that_fails_is_reported_and_retried_and_holds_nobody_up() {
         let mut room = Room::new();
         let key = room.key(["a", "b"]);
         write(room.path("store/verdicts"), b"in the way");
         let begun = Instant::now();
         room.sharing.want(vec![key.clone()], Duration::from_millis(50));
         assert!(begun.elapsed() < PATIENCE / 2);
-        let said = room.said.recv_timeout(PATIENCE).unwrap();
+        let said = room.warnings.recv_timeout(PATIENCE).unwrap();
         assert!(said.contains("verdicts") && said.contains("judged here meanwhile"), "{said}");
         write(room.path("here").join(key.object()), b"own");
         assert!(!room.sharing.finish(Duration::from_millis(50)));

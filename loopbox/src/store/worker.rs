@@ -128,7 +128,7 @@ impl<'a> Worker<'a> {
         let room =
             tempfile::tempdir().context("there is no room for a verdict in the folder of temporary files")?;
         let (maps, waiting, order, work) = Default::default();
-        let warned = Warned { watcher, said: RefCell::default() };
+        let warned = Warned { watcher, warned: RefCell::default() };
         Ok(Self { options, stop, watcher, warned, store, maps, waiting, room, order, work })
     }
 
@@ -372,12 +372,12 @@ fn may_be_written(name: &str, stamp: Stamp) -> bool {
 /// Passes on warnings, each once whatever pair a map is in, and no stages.
 struct Warned<'a> {
     watcher: &'a dyn MergeWatcher,
-    said: RefCell<BTreeSet<String>>,
+    warned: RefCell<BTreeSet<String>>,
 }
 
 impl MergeWatcher for Warned<'_> {
     fn warn(&self, text: &str) {
-        if self.said.borrow_mut().insert(text.to_owned()) {
+        if self.warned.borrow_mut().insert(text.to_owned()) {
             self.watcher.warn(text);
         }
     }

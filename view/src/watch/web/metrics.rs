@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_told_can_be_read_again() {
+    fn metrics_can_be_read_again() {
         let status = Status {
             state: "lost",
             processed: 1 << 40,
