@@ -50,14 +50,20 @@ pub struct Loop {
     pub returning: usize,
 }
 
-/// A drive through streets of houses, by a camera with a rolling shutter, motion blur and noise; another seed is another block.
-pub fn round_the_block(how: Return, seed: u64) -> Loop {
+/// A drive through streets of houses, by a camera with a rolling shutter, motion blur and noise; another seed is another block. Houses
+/// wear one of ten textures, and each has a grain of its own with the standard deviation `grain`, grey levels, or none.
+pub fn round_the_block(how: Return, seed: u64, grain: f32) -> Loop {
     let mut random = Random::new(seed ^ 0xb10c);
     let mut size = |low, high| f64::from(random.uniform(low, high));
     let block = Vector2::new(size(58.0, 70.0), size(46.0, 54.0));
     let path = drive(how, block, seed);
-    let recording =
-        Recording::render_exposed(&streets(block, seed), Recording::SMALL_CAMERA, &path, RATE, SHUTTER);
+    let recording = Recording::render_exposed(
+        &streets(block, seed).with_grain(grain, seed),
+        Recording::SMALL_CAMERA,
+        &path,
+        RATE,
+        SHUTTER,
+    );
     let returning = ((SHARED - BEND) / STEP) as usize;
     Loop { recording: recording.with_noise(NOISE, seed), returning }
 }

@@ -1,7 +1,7 @@
 //! The world: boxes with textures.
 
-use crate::Texture;
 use crate::lidar::HALL;
+use crate::{Grain, Texture};
 use geometry::Random;
 use geometry::Se3;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -42,6 +42,19 @@ pub struct World {
 }
 
 impl World {
+    /// The same world, in which each box has a grain of its own of this standard deviation, grey levels; 0 for none.
+    pub fn with_grain(mut self, deviation: f32, seed: u64) -> Self {
+        if deviation > 0.0 {
+            for (number, cuboid) in self.cuboids.iter_mut().enumerate() {
+                let grain =
+                    Grain { seed: seed.wrapping_mul(0x9e37_79b9).wrapping_add(number as u64), deviation };
+                self.textures.push(self.textures[cuboid.texture].with_grain(grain));
+                cuboid.texture = self.textures.len() - 1;
+            }
+        }
+        self
+    }
+
     /// A walled yard, 24 m × 24 m around the origin with the ground at y = 0: a group of boxes in the middle
     /// (to orbit) and a row of boxes before the far wall z = 12 (to drive along). `seed` changes every texture
     /// and the places of the boxes.

@@ -15,7 +15,7 @@ const COVERAGES: [f64; 2] = [0.3, 0.6];
 const MOVED: f64 = 0.3;
 /// Share of its things in which another place of the kind differs.
 const DIFFERING: f64 = 0.3;
-/// Standard deviation of the grain that each surface has for itself in places where cameras are covered, grey levels.
+/// Standard deviation of the grain that each surface has for itself in places where cameras are covered, and along streets, grey levels.
 const GRAIN: f32 = 4.0;
 /// Robots' drives of each seed.
 const DRIVES: u64 = 4;
@@ -104,7 +104,7 @@ impl Kind {
             }
             Self::TurnsFirst => Case::of_one_place(turns_first(seed)),
             Self::Loop(how) => {
-                let drive = round_the_block(how, seed);
+                let drive = round_the_block(how, seed, GRAIN);
                 Case { returning: drive.returning, ..Case::of_one_place(drive.recording) }
             }
             Self::Covered(place, uncovered) => {

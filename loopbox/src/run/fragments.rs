@@ -37,9 +37,9 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
     most_frames_first(maps.into_iter().chain(apart).collect())
 }
 
-/// How they are merged. What they see must tell that it is one place, as where the camera is found again while the run goes on: what was
+/// How they are merged, and how the two ends of a loop are. What they see must tell that it is one place, as where the camera is found again while the run goes on: what was
 /// not believed then is not joined in the end because little differs.
-fn merging() -> MergingParams {
+pub(super) fn merging() -> MergingParams {
     let mut params = MergingParams { joint: false, ..MergingParams::default() };
     params.verification.acceptance.min_undecided_change = 0.0;
     params.further.place.prior = surface_judge::prior();

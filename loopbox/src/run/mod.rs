@@ -2,7 +2,7 @@
 //!
 //! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
 //! agent), `outlook` and `looking` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
-//! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `fragments` (what was tracked after losses joined), `output` (the files), `live_map` (the map's on
+//! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `revisits` (loops that features find), `fragments` (what was tracked after losses joined), `output` (the files), `live_map` (the map's on
 //! the way), `listening` (who is told how the map grows), `milestones` (how a long run goes), `record` and `fragment_record` (the numbers), `scale_doubt` (where the scale may have changed), `saving` (results on the way), `resuming`
 //! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
 
@@ -23,6 +23,7 @@ mod progress;
 mod recognising;
 mod record;
 mod resuming;
+mod revisits;
 mod runtime;
 mod saving;
 mod scale_doubt;

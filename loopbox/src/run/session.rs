@@ -10,6 +10,7 @@ use crate::run::output::Output;
 use crate::run::recognising::Recogniser;
 use crate::run::record::{RunRecord, Setup};
 use crate::run::resuming::{Kept, places};
+use crate::run::revisits;
 use crate::run::runtime::{Feed, Run};
 use crate::run::saving::{self, Form, Saver};
 use crate::run::surface_judge::SurfaceJudge;
@@ -139,6 +140,10 @@ impl Session<'_> {
         let leaves = run.leaves_its_maps(self.stop);
         let mut maps = run.maps(&self.about, !leaves);
         if !leaves {
+            if self.features && !run.localises() {
+                let closing = &self.setup.params.closing;
+                maps = maps.into_iter().map(|map| revisits::closed(map, closing, self.progress)).collect();
+            }
             maps = fragments::joined(maps, self.progress);
         }
         // Where nobody looks, what it went on in may not be anywhere else by now.

@@ -1,8 +1,10 @@
 //! The drift that a loop may reveal: a place that is far away by the map is not one to come back to.
 
 use super::ClosingParams;
+use super::evidence::NoLoop;
 use crate::local_map::LocalMap;
 use geometry::{Se3, Sim3, median};
+use map::{Edge, KeyframeId, Map};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -11,7 +13,7 @@ use thiserror::Error;
 #[error(
     "the loop would reveal a drift of {translation} over a way of {path_length}, {rotation_drift}° and scale {scale}"
 )]
-pub(crate) struct Drift {
+pub struct Drift {
     /// Drift of the position, map units.
     pub translation: f64,
     /// Length of the way between the keyframes, map units.
@@ -49,10 +51,34 @@ pub(super) fn check(
         rotation_drift: by_loop.rotation.angle_to(&by_map.rotation).to_degrees(),
         scale: current_from_old.scale,
     };
-    let in_bounds = drift.translation <= params.max_drift * drift.path_length
-        && drift.rotation_drift <= params.max_rotation
-        && drift.scale.ln().abs() <= params.max_scale.ln();
-    if in_bounds { Ok(()) } else { Err(drift) }
+    drift.check(params)
+}
+
+impl Drift {
+    /// Refuses more drift than the way explains.
+    fn check(self, params: &ClosingParams) -> Result<(), Self> {
+        let in_bounds = self.translation <= params.max_drift * self.path_length
+            && self.rotation_drift <= params.max_rotation
+            && self.scale.ln().abs() <= params.max_scale.ln();
+        if in_bounds { Ok(()) } else { Err(self) }
+    }
+}
+
+/// The same for a loop between two keyframes of a finished map.
+pub(super) fn check_in(map: &Map, closed: &Edge, params: &ClosingParams) -> Result<(), NoLoop> {
+    let pose = |id: KeyframeId| map.keyframes.get(&id).map(|keyframe| keyframe.world_from_keyframe);
+    let (Some(from), Some(to)) = (pose(closed.from), pose(closed.to)) else { return Err(NoLoop::NoScale) };
+    let by_loop = from * closed.from_from_to;
+    let (first, last) = (closed.from.min(closed.to), closed.from.max(closed.to));
+    let centres: Vec<Vector3<f64>> =
+        map.keyframes.range(first..=last).map(|(_, k)| k.world_from_keyframe.translation).collect();
+    let drift = Drift {
+        translation: (by_loop.translation - to.translation).norm(),
+        path_length: centres.windows(2).map(|step| (step[1] - step[0]).norm()).sum(),
+        rotation_drift: by_loop.rotation.angle_to(&to.rotation).to_degrees(),
+        scale: by_loop.scale / to.scale,
+    };
+    Ok(drift.check(params)?)
 }
 
 /// Length of the camera's way between two keyframes.

@@ -24,7 +24,7 @@ pub(super) struct Proposal {
 
 /// Why a proposed loop was not closed.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub(crate) enum NoLoop {
+pub enum NoLoop {
     /// Too few of the old side's points are found in the keyframe.
     #[error("{found} of {searched} points of the old place are found")]
     FewMatches {

@@ -24,9 +24,10 @@ use backend::posegraph::PoseGraphParams;
 use backend::sim3_align::Sim3AlignParams;
 use correct::{Correction, GraphJob};
 use drift::Reach;
-use evidence::{NoLoop, Proposal};
+pub use evidence::NoLoop;
+use evidence::Proposal;
 pub(crate) use join::match_side;
-use map::{Edge, KeyframeId, Map, PlaceIndex};
+use map::{Edge, EdgeKind, KeyframeId, Map, PlaceIndex};
 use std::collections::BTreeSet;
 
 params! {
@@ -245,6 +246,21 @@ impl LoopCloser {
     pub fn closed(&self) -> &[Edge] {
         &self.closed
     }
+}
+
+/// Closes a loop in a finished map: `edges` between its ends, as others measured them. The keyframes between move to the
+/// minimum of the Sim(3) pose graph, and the edges stay in the map as those of a loop.
+///
+/// # Errors
+/// When an edge reveals more drift than the way between its keyframes explains, or the rest of the graph contradicts one; the
+/// map is as it was.
+pub fn close_loop(map: &mut Map, edges: Vec<Edge>, params: &ClosingParams) -> Result<(), NoLoop> {
+    let edges: Vec<Edge> = edges.into_iter().map(|edge| Edge { kind: EdgeKind::Loop, ..edge }).collect();
+    edges.iter().try_for_each(|edge| drift::check_in(map, edge, params))?;
+    let correction = GraphJob::of_map(map, edges.clone(), &params.graph).solve()?;
+    map.edges.extend(edges);
+    correction.apply_to(map);
+    Ok(())
 }
 
 /// Lets the keyframes around two that show one place, and lie where they belong, see each other's points, and optimises;

@@ -1,3 +1,4 @@
+mod finished;
 mod scene;
 
 use super::*;
