@@ -2,10 +2,10 @@
 //! when it gets to it.
 
 use super::Neighbourhood;
-use super::handle::loops_of;
 use super::status::{Facts, FoundBreak};
+use crate::report::scene::kind_number;
 use geometry::{GrayImage, Se3, Sim3};
-use map::{Color, FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
+use map::{Color, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -185,6 +185,13 @@ fn hand_on_depth(keyframe: &Keyframe, pending: &mut Pending) {
     pending.depths.retain(|depth| depth.id != keyframe.id);
     let color = keyframe.color.clone();
     pending.depths.push(Depth { id: keyframe.id, image, color, semi_dense });
+}
+
+/// The edges that viewers see, loops and merges, as `from, to, kind`.
+pub fn loops_of(edges: &[Edge]) -> Vec<[u32; 3]> {
+    let says = |edge: &&Edge| matches!(edge.kind, EdgeKind::Loop | EdgeKind::Merge);
+    let numbers = |edge: &Edge| [edge.from.0, edge.to.0, kind_number(edge.kind)];
+    edges.iter().filter(says).map(numbers).collect()
 }
 
 impl Pose {
