@@ -34,17 +34,6 @@ pub struct Assembled {
     pub content: ObjectHash,
 }
 
-/// All objects that a manifest lists; `None` while a page is not there.
-///
-/// # Errors
-/// When a page is none, or an object is listed twice.
-pub fn entries_of(manifest: &Manifest, store: &dyn Objects) -> Result<Option<Vec<Entry>>, String> {
-    match pages_of(manifest, store)? {
-        Some(pages) => in_order(&pages).map(Some),
-        None => Ok(None),
-    }
-}
-
 /// The pages of a manifest; `None` while one is not there.
 pub(crate) fn pages_of(manifest: &Manifest, store: &dyn Objects) -> Result<Option<Vec<Page>>, String> {
     let page = |page: &PageRef| match store.get(&page.hash) {

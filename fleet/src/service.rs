@@ -251,7 +251,7 @@ struct Worker<'a, N> {
 }
 
 impl<N: FnMut(Notice)> Worker<'_, N> {
-    /// Gives the node what happens, and does what it wants done, until the end.
+    /// Gives the node the events that come, and does what it wants done, until the service ends.
     fn work(&mut self, events: &Receiver<Event>) {
         let started = Instant::now();
         let (mut looked, mut arrivals) = (Duration::ZERO, self.node.arrivals());
@@ -273,7 +273,7 @@ impl<N: FnMut(Notice)> Worker<'_, N> {
             if is_own {
                 self.shared.view().own = self.node.own_maps();
             }
-            // Whoever asked for objects to decide what is next has them: the next step need not wait for its turn.
+            // Who waits for these objects to decide what to do next is told at once.
             let is_arrival = arrivals != self.node.arrivals();
             let passed = now.saturating_sub(looked);
             if is_own || is_arrival && passed >= SHOW[0] || passed >= SHOW[1] {

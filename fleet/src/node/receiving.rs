@@ -77,7 +77,7 @@ impl Node {
             Message::Hello { .. } | Message::Speaks { .. } | Message::Refused { .. } => {}
             Message::State { version, signature } => self.handle_version(link, node, version, signature),
             Message::Stored { agent, begun, revision, missing } => {
-                // Of a map that is not told here nobody wants to know it.
+                // Only what is stored of own maps matters here.
                 let Some(own) = self.own.get(&agent) else { return };
                 let acknowledged = ((begun, revision), missing);
                 let before = neighbour.stored.insert(agent, acknowledged);
@@ -104,7 +104,7 @@ impl Node {
                     PartOutcome::More | PartOutcome::Unwanted => {}
                     PartOutcome::Whole(bytes) => self.handle_object(link, node, hash, bytes),
                     PartOutcome::Wrong => {
-                        // Its disk may be at fault, and not itself.
+                        // The neighbour's disk may be at fault, so it is not refused.
                         neighbour.later.insert(hash, now + ASK_AGAIN[1]);
                         let text = format!("{} sent an object that is not what it is called", neighbour.name);
                         self.actions.push(Action::Notify(Notice::Trouble(text)));

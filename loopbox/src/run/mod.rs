@@ -1,10 +1,17 @@
 //! One agent's run, from a source of frames to a folder of results.
 //!
-//! In order: `options` (what is asked for, and the way from there to the results), `session` (one map after another, as long as somebody wants a new one), `runtime` (the loop around the
-//! agent), `outlook` and `looking` (what can be said before it), `lens` (a recording without a calibration), `lens_check` (whether the one given fits), `describing` (features of
-//! keyframes beside it), `recognising` (a lost camera found by these), `judging` (whether it is the place), `fragments` (what was tracked after losses joined), `output` (the files), `live_map` (the map's on
-//! the way), `listening` (who is told how the map grows), `milestones` (how a long run goes), `record` and `fragment_record` (the numbers), `scale_doubt` (where the scale may have changed), `without_depth` (which keyframes have no depth), `file_names` (how the files are called), `saving` (results on the way), `resuming`
-//! (a map of an earlier run gone on with), `diagnosis` (why nothing was tracked).
+//! In order:
+//!
+//! - `options`: what is asked for, and the way from there to the results; `session`: one map after another, as long as somebody
+//!   wants a new one; `runtime`: the loop around the agent; `resuming`: a run that goes on in the map of an earlier one;
+//! - `outlook` and `frame_survey`: what can be said before the run; `lens`: a recording without a calibration; `lens_check`:
+//!   whether the given one fits;
+//! - `describing`: the features of keyframes, found beside the run; `recognising`: a lost camera is found by these;
+//!   `surface_judge`: whether it is at the same place; `fragments`: what was tracked after losses is joined;
+//! - `listeners`: who is told how the map grows; `milestones`: how a long run goes;
+//! - `output`, `file_names`, `live_map` and `saving`: the files, at the end and on the way;
+//! - `record` and `fragment_record`: the numbers; `scale_doubt`: where the scale may have changed; `without_depth`: which
+//!   keyframes have no depth; `diagnosis`: why nothing was tracked.
 
 mod describing;
 mod diagnosis;

@@ -7,36 +7,37 @@ use geometry::Se3;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-/// Rays whose median is a depth, at least.
+/// Fewest rays whose median counts as a depth.
 const RAYS: usize = 3;
-/// Views that put a surface at one depth, at least: two may agree by chance.
+/// Fewest views that must put a surface at one depth: two may agree by chance.
 const VIEWS: usize = 3;
-/// How far they do, metres: the thickness up to which a cell is flat.
+/// Their depths differ from the median by so much at most, metres: the thickness up to which a cell is flat.
 const ONE_DEPTH: f32 = 0.04;
 /// Depths are compared up to this far before and beyond a surface, metres: what ends nearer is hidden.
 const NEAR: f32 = 0.3;
-/// Cosine of the angle up to which two views look from the same side, 15°: from farther apart a cell shows other faces of what is in it.
+/// Cosine of the angle up to which two views look from the same side, 15°: from farther apart they see other faces of what is in a
+/// cell.
 const SAME_SIDE: f32 = 0.966;
-/// Sine of the angle to a surface from which on a view counts, 20°: at less it sees what stands out of a wall, a door's frame, and not the
-/// wall, and from a little farther aside another part of it.
+/// Sine of the least angle between a view and a surface, 20°: at a smaller one the view sees what stands out of a wall, such as a
+/// door's frame, and from a little farther aside another part of it.
 const FACING: f32 = 0.34;
 
 /// The depths at which a view's rays end, seen along a direction.
 pub(super) struct Look {
     /// From the sensor to the surface, a unit vector in the frame of the surface's map.
     direction: [f32; 3],
-    /// Off the surface along its normal, metres, beyond it positive.
+    /// Where the rays end along the surface's normal, metres; positive beyond the surface.
     depths: Vec<f32>,
 }
 
 /// What a map's own views say of one of its surfels.
 #[derive(Clone, Debug, Default)]
 pub struct OwnDepth {
-    /// The depth that all put it at, metres off its plane; none where they do not.
+    /// The depth at which all views put it, metres off its plane; none where they disagree.
     pub(super) depth: Option<f32>,
-    /// Where they look from, unit vectors.
+    /// From where the views see it, unit vectors.
     pub(super) directions: Vec<[f32; 3]>,
-    /// How far the odd views' rays lie off where the even ones put it, and the reverse, metres.
+    /// How far the rays of the odd views end off the depth of the even ones, and the reverse, metres.
     pub(super) halves: [Option<f32>; 2],
 }
 
@@ -74,14 +75,14 @@ pub(super) fn looks<'a>(
     views.iter().zip(poses).filter_map(look)
 }
 
-/// The depth at which all of enough views put a surface.
+/// The depth at which all views put a surface; none where they disagree or are too few.
 fn one_depth(looks: &[&Look]) -> Option<f32> {
     let each: Vec<f32> = looks.iter().filter_map(|look| median(look.depths.clone())).collect();
     let depth = median(each.clone()).filter(|_| each.len() >= VIEWS)?;
     each.iter().all(|own| (own - depth).abs() <= ONE_DEPTH).then_some(depth)
 }
 
-/// The depth of rays that look along one of some directions.
+/// The median depth of the rays of views from the same side as one of `directions`; none of too few.
 pub(super) fn depth_along<'a>(looks: impl Iterator<Item = &'a Look>, directions: &[[f32; 3]]) -> Option<f32> {
     let is_same_side = |look: &&Look| {
         let cosine = |own: &[f32; 3]| (0..3).map(|k| own[k] * look.direction[k]).sum::<f32>();
