@@ -316,10 +316,10 @@ impl<'a> Listed<'a> {
         let entry = self.of_kind(Kind::Agent).next();
         let Some(bytes) = entry.and_then(|entry| self.store.get(&entry.hash)) else { return Ok(None) };
         let info = agent_from_bytes(&bytes)?;
-        match info.identity == Some(identity) {
-            true => Ok(Some(info)),
-            false => Err("it says that it is another agent's".into()),
+        if info.identity != Some(identity) {
+            return Err("it says that it is another agent's".into());
         }
+        Ok(Some(info))
     }
 
     /// Takes edges and frames into a map; the poses, and whether all of it is here.

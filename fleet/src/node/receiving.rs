@@ -70,7 +70,7 @@ impl Node {
         self.actions.push(Action::Close { link, reason: text });
     }
 
-    /// Handles what a neighbour says who said before who it is.
+    /// Handles the message of a neighbour that has said who it is.
     fn handle_known(&mut self, now: Duration, (link, node): (LinkId, Uuid), message: Message) {
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         match message {
@@ -169,7 +169,7 @@ impl Node {
         }
     }
 
-    /// As whom the other end of a link is known that says this version and this name; why it is refused otherwise.
+    /// The name by which a neighbour is known that says this version and this name; the reason where it is refused.
     fn admitted(&self, now: Duration, known: &Link, version: u16, node: Uuid) -> Result<Uuid, String> {
         // A neighbour that does not say which versions it speaks speaks only this one.
         let [oldest, newest] = known.speaks.unwrap_or([version; 2]);

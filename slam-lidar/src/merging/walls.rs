@@ -14,11 +14,11 @@ pub(super) const TURNS: usize = 180;
 const LEVEL: f32 = 0.3;
 /// Edge of the columns in which walls are counted, metres: the grid on which maps are compared.
 const COLUMN: f32 = 0.5;
-/// Pieces of wall that vote, the highest.
+/// Most walls of a map, the highest of all.
 const WALLS: usize = 1200;
 /// Walls whose headings differ by so many steps of a turn at most weigh as one.
 const HEADING_MARGIN: usize = 2;
-/// So many walls of a heading count as one by themselves: 10 m, less may be scatter.
+/// Added to the number of walls of a heading before it is inverted: 10 m of wall, for fewer may be scatter.
 const FEW: f32 = 20.0;
 
 /// The middle of a map's walls, and these around it.
