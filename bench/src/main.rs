@@ -170,26 +170,10 @@ fn main() -> Result<()> {
         return measure_live(&args, &runner);
     }
     if args.lidar {
-        let (loopbox, data, work) = (&args.loopbox, &args.data, &args.work);
-        let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse, seed: args.seed, only: &args.only };
-        if let Some(part) = args.part {
-            return print_lidar(&plan, part, &args.documents);
-        }
-        write(&args.documents, &[("machine", report::machine())])?;
-        return lidar::measure(&plan, |name, text| write(&args.documents, &[(name, text)]));
+        return measure_lidar(&args);
     }
     if args.fleet {
-        let (data, work, only) = (&args.data, &args.work, &args.only);
-        let plan =
-            fleet::Plan { loopbox: &args.loopbox, data, work, runs: args.runs, kills: args.kills, only };
-        if let Some(part) = args.part {
-            println!("{}", fleet_part(&plan, part)?);
-            return Ok(());
-        }
-        let parts = [Part::Meetings, Part::Links, Part::Breaking, Part::Hundred];
-        let parts = parts.into_iter().map(|part| fleet_part(&plan, part)).collect::<Result<Vec<_>>>()?;
-        let text = parts.concat();
-        return write(&args.documents, &[("fleet", text)]);
+        return measure_fleet(&args);
     }
     if let Some(frames) = args.long {
         let drive = town::measure(&runner, frames)?;
@@ -202,11 +186,7 @@ fn main() -> Result<()> {
         return measure_doubles(&args, places);
     }
     if let Some(agents) = args.crowd {
-        let program = merging::Program { loopbox: args.loopbox.clone() };
-        let plan = crowd::Plan { program: &program, work: &args.work, agents, keyframes: args.keyframes };
-        let measured = crowd::measure(&plan)?;
-        let text = crowd::report::section(&measured, agents, args.keyframes);
-        return write(&args.documents, &[("crowd", text)]);
+        return measure_crowd(&args, agents);
     }
     if let Some(seeds) = args.faults {
         let seeds: Vec<u64> = (args.seed..args.seed.saturating_add(seeds)).collect();
@@ -225,10 +205,15 @@ fn main() -> Result<()> {
         let all = perturbed::measure(&plan)?;
         return write(&args.documents, &[("perturbed", perturbed::section(&all))]);
     }
+    measure_all(&args, &runner, &found)
+}
+
+/// Measures the runs of all sequences, and the merges of their maps.
+fn measure_all(args: &Args, runner: &Runner, found: &[PathBuf]) -> Result<()> {
     let mut sections = vec![("machine", report::machine())];
     let mut failed = Vec::new();
     if !args.merges {
-        let measurements = measure_sequences(&runner, &found)?;
+        let measurements = measure_sequences(runner, found)?;
         sections.push(("results", report::results(&measurements, args.runs)));
         sections.push(("summary", report::summary(&measurements)));
         failed = measurements.into_iter().filter(|m| m.failure.is_some()).map(|m| m.name).collect();
@@ -238,7 +223,7 @@ fn main() -> Result<()> {
     let mut wrong = 0;
     if names.len() > 1 {
         let merging = merging::measure(&merging::Plan {
-            runner: &runner,
+            runner,
             data: &args.data,
             sequences: &names,
             mapped: !args.merges,
@@ -271,6 +256,19 @@ fn measure_part(plan: &live::Plan, part: Part) -> Result<()> {
     problem.map_or(Ok(()), |reason| bail!(reason))
 }
 
+/// Measures what concerns agents that pair.
+fn measure_fleet(args: &Args) -> Result<()> {
+    let (data, work, only) = (&args.data, &args.work, &args.only);
+    let plan = fleet::Plan { loopbox: &args.loopbox, data, work, runs: args.runs, kills: args.kills, only };
+    if let Some(part) = args.part {
+        println!("{}", fleet_part(&plan, part)?);
+        return Ok(());
+    }
+    let parts = [Part::Meetings, Part::Links, Part::Breaking, Part::Hundred];
+    let parts = parts.into_iter().map(|part| fleet_part(&plan, part)).collect::<Result<Vec<_>>>()?;
+    write(&args.documents, &[("fleet", parts.concat())])
+}
+
 /// Measures one part of what concerns agents that pair.
 fn fleet_part(plan: &fleet::Plan, part: Part) -> Result<String> {
     match part {
@@ -279,6 +277,17 @@ fn fleet_part(plan: &fleet::Plan, part: Part) -> Result<String> {
         Part::Hundred => fleet::hundred::measure(plan),
         _ => fleet::measure(plan),
     }
+}
+
+/// Measures what concerns LiDARs.
+fn measure_lidar(args: &Args) -> Result<()> {
+    let (loopbox, data, work) = (&args.loopbox, &args.data, &args.work);
+    let plan = lidar::Plan { loopbox, data, work, reuse: args.reuse, seed: args.seed, only: &args.only };
+    if let Some(part) = args.part {
+        return print_lidar(&plan, part, &args.documents);
+    }
+    write(&args.documents, &[("machine", report::machine())])?;
+    lidar::measure(&plan, |name, text| write(&args.documents, &[(name, text)]))
 }
 
 /// Measures one part of what concerns LiDARs, and prints it; that of doubles is written into the documents.
@@ -300,6 +309,14 @@ fn print_lidar(plan: &lidar::Plan, part: Part, documents: &[PathBuf]) -> Result<
         0 => Ok(()),
         wrong => bail!("{wrong} pairs were merged wrongly"),
     }
+}
+
+/// Measures how merging grows with the number of maps.
+fn measure_crowd(args: &Args, agents: usize) -> Result<()> {
+    let program = merging::Program { loopbox: args.loopbox.clone() };
+    let plan = crowd::Plan { program: &program, work: &args.work, agents, keyframes: args.keyframes };
+    let measured = crowd::measure(&plan)?;
+    write(&args.documents, &[("crowd", crowd::report::section(&measured, agents, args.keyframes))])
 }
 
 /// Measures merges of places that look alike.

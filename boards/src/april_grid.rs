@@ -5,7 +5,7 @@
 //! corners are looked for and its bits are read.
 
 use super::sub_pixel::refined;
-use super::tag::{Bits, MAX_WRONG_BITS, Tags, border_share};
+use super::tag::{Bits, MAX_WRONG_BITS, Tag, Tags, border_share, side};
 use super::{mirrored, tag_seeds};
 use anyhow::{Context, Result, bail};
 use calib::planar::{homography, mapped};
@@ -32,9 +32,6 @@ const SEED_REACH: f64 = 0.15;
 const NEIGHBOUR_REACH: f64 = 0.1;
 /// Widths of a tag's black border in bits: Kalibr's, and that of others.
 pub const BORDERS: [usize; 2] = [2, 1];
-
-/// Four corners in the order of [`Board::points`].
-pub type Tag = [Vector2<f64>; 4];
 
 /// A grid of tags 36h11.
 pub struct AprilGrid {
@@ -238,9 +235,4 @@ impl AprilGrid {
             self.columns * self.rows
         )
     }
-}
-
-/// Least side of a tag, pixels.
-pub fn side(tag: &Tag) -> f64 {
-    (0..4).map(|k| (tag[k] - tag[(k + 1) % 4]).norm()).fold(f64::INFINITY, f64::min)
 }

@@ -1,7 +1,8 @@
 //! Boards that OpenCV finds. Their corners' exact places are found as those of others are.
 
 use super::Detector;
-use super::april_grid::{BORDERS, ORDER, Tag};
+use super::april_grid::{BORDERS, ORDER};
+use super::tag::Tag;
 use anyhow::Result;
 use calib::Corner;
 use geometry::GrayImage;

@@ -1,6 +1,5 @@
-//! The bits of tags.
+//! Tags: their corners and their bits.
 
-use super::april_grid::Tag;
 use calib::planar::{homography, mapped};
 use calib_targets_charuco::builtins;
 use geometry::GrayImage;
@@ -13,6 +12,14 @@ pub const MAX_WRONG_BITS: u32 = 3;
 const SIDE: usize = 6;
 /// Least difference of black and white, grey levels: as noise has none.
 const MIN_CONTRAST: f32 = 15.0;
+
+/// Four corners in the order of [`Board::points`](calib::Board::points), pixels.
+pub type Tag = [Vector2<f64>; 4];
+
+/// The shortest side of a tag, pixels.
+pub fn side(tag: &Tag) -> f64 {
+    (0..4).map(|k| (tag[k] - tag[(k + 1) % 4]).norm()).fold(f64::INFINITY, f64::min)
+}
 
 /// The codes of tags, by their numbers.
 pub struct Tags(Vec<u64>);

@@ -1,6 +1,6 @@
 //! Squares in an image that may be tags.
 
-use super::april_grid::{Tag, side};
+use super::tag::{Tag, side};
 use super::view;
 use calib_targets_chessboard::{ChessCorner, default_chess_config, detect_corners};
 use geometry::GrayImage;

@@ -34,17 +34,6 @@ pub struct Assembled {
     pub content: ObjectHash,
 }
 
-/// All objects that a manifest lists; `None` while a page is not there.
-///
-/// # Errors
-/// When a page is none, or an object is listed twice.
-pub fn entries_of(manifest: &Manifest, store: &dyn Objects) -> Result<Option<Vec<Entry>>, String> {
-    match pages_of(manifest, store)? {
-        Some(pages) => in_order(&pages).map(Some),
-        None => Ok(None),
-    }
-}
-
 /// The pages of a manifest; `None` while one is not there.
 pub(crate) fn pages_of(manifest: &Manifest, store: &dyn Objects) -> Result<Option<Vec<Page>>, String> {
     let page = |page: &PageRef| match store.get(&page.hash) {
@@ -109,13 +98,7 @@ impl Assembler {
         only: Option<&BTreeSet<KeyframeId>>,
     ) -> Result<Option<Assembled>, String> {
         let objects = Listed::new(entries, store);
-        let Some(bytes) = objects.of_kind(Kind::Agent).next().and_then(|entry| store.get(&entry.hash)) else {
-            return Ok(None);
-        };
-        let info = agent_from_bytes(&bytes)?;
-        if info.identity != Some(agent) {
-            return Err("it says that it is another agent's".into());
-        }
+        let Some(info) = objects.agent(agent)? else { return Ok(None) };
         let mut map = Map::of(info.clone());
         let (poses, mut whole) = objects.graph(&mut map)?;
         let (width, height) = info.camera().map_or((0, 0), |camera| (camera.width, camera.height));
@@ -135,28 +118,20 @@ impl Assembler {
             };
             let wanted = only.is_none_or(|only| only.contains(&id));
             let parts = objects.parts(view, number).filter(|_| wanted);
-            whole &=
-                parts.is_some_and(|parts| !parts.view.kind.is_preview() && !parts.depth.kind.is_preview());
             let known = made.remove(&id).filter(|(known, _)| Some(*known) == parts);
-            let keyframe = match (parts, known) {
-                (Some(_), Some((_, keyframe))) => Some(keyframe),
-                (Some(parts), None) => self.keyframe(id, parts, &info, &objects)?,
+            let found = match (parts, known) {
+                (Some(_), Some(known)) => Some(known),
+                // An object that went missing or was damaged since it was seen comes again.
+                (Some(parts), None) => self.keyframe(id, parts, &info, &objects)?.map(|made| (parts, made)),
                 (None, _) => None,
             };
-            // An object may be gone or damaged here since it was seen: then it comes again.
-            let parts = parts.filter(|_| keyframe.is_some());
-            whole &= keyframe.is_some();
-            whole &= objects.entry(Kind::Color, number).is_none() || parts.is_some_and(|p| p.color.is_some());
-            let keyframe = match keyframe {
-                Some(keyframe) => keyframe,
-                None => {
-                    missing += 1;
-                    let Some(digest) = self.digest(id, &objects)? else { continue };
-                    let origin = Sim3::identity();
-                    let (time, frame) = (digest.timestamp, digest.frame_index);
-                    Keyframe::of_image(id, time, frame, origin, Arc::clone(&blank))
-                }
+            whole &= found.as_ref().is_some_and(|(parts, _)| objects.is_exact(number, parts));
+            missing += usize::from(found.is_none());
+            let found = match found {
+                Some((parts, keyframe)) => Some((Some(parts), keyframe)),
+                None => self.stand_in(id, &objects, &blank)?.map(|keyframe| (None, keyframe)),
             };
+            let Some((parts, keyframe)) = found else { continue };
             let placed = Keyframe { world_from_keyframe: *pose, ..keyframe.clone() };
             note(&mut content, &placed, parts);
             if let Some(parts) = parts {
@@ -171,12 +146,7 @@ impl Assembler {
             }
         }
         map.check()?;
-        for edge in &map.edges {
-            content.u32(edge.from.0);
-            content.u32(edge.to.0);
-            let numbers = edge.from_from_to.log();
-            numbers.iter().chain(edge.information.iter()).for_each(|number| content.u64(number.to_bits()));
-        }
+        map.edges.iter().for_each(|edge| note_edge(&mut content, edge));
         Ok(Some(Assembled { map, missing, whole, content: ObjectHash::of(&content.0) }))
     }
 
@@ -222,6 +192,18 @@ impl Assembler {
         };
         let color = color.map(|bytes| color_of(id, &bytes)).transpose()?.flatten();
         Ok(Some(Keyframe { features, color, ..keyframe }))
+    }
+
+    /// A keyframe at the world's origin that has a blank image and no depth; `None` while its digest is not here.
+    fn stand_in(
+        &mut self,
+        id: KeyframeId,
+        objects: &Listed,
+        blank: &Arc<GrayImage>,
+    ) -> Result<Option<Keyframe>, String> {
+        let Some(digest) = self.digest(id, objects)? else { return Ok(None) };
+        let (time, frame) = (digest.timestamp, digest.frame_index);
+        Ok(Some(Keyframe::of_image(id, time, frame, Sim3::identity(), Arc::clone(blank))))
     }
 
     /// What is told of a keyframe first; `None` while it is not there.
@@ -301,6 +283,14 @@ fn note(content: &mut Writer, keyframe: &Keyframe, parts: Option<Parts>) {
     }
 }
 
+/// Notes what merging looks at of an edge.
+fn note_edge(content: &mut Writer, edge: &Edge) {
+    content.u32(edge.from.0);
+    content.u32(edge.to.0);
+    let numbers = edge.from_from_to.log();
+    numbers.iter().chain(edge.information.iter()).for_each(|number| content.u64(number.to_bits()));
+}
+
 /// What is listed, and where it is if it is here.
 struct Listed<'a> {
     listed: BTreeMap<(Kind, u32), Entry>,
@@ -321,6 +311,17 @@ impl<'a> Listed<'a> {
         self.listed.get(&(kind, number)).copied()
     }
 
+    /// What is told of the agent whose map this is; `None` while that is not here.
+    fn agent(&self, identity: Identity) -> Result<Option<AgentInfo>, String> {
+        let entry = self.of_kind(Kind::Agent).next();
+        let Some(bytes) = entry.and_then(|entry| self.store.get(&entry.hash)) else { return Ok(None) };
+        let info = agent_from_bytes(&bytes)?;
+        if info.identity != Some(identity) {
+            return Err("it says that it is another agent's".into());
+        }
+        Ok(Some(info))
+    }
+
     /// Takes edges and frames into a map; the poses, and whether all of it is here.
     fn graph(&self, map: &mut Map) -> Result<(BTreeMap<KeyframeId, Sim3>, bool), String> {
         let (mut poses, mut whole) = (BTreeMap::new(), true);
@@ -336,6 +337,12 @@ impl<'a> Listed<'a> {
             map.frames.extend(part.frames);
         }
         Ok((poses, whole))
+    }
+
+    /// Whether these parts of a keyframe are all of it, bit by bit.
+    fn is_exact(&self, number: u32, parts: &Parts) -> bool {
+        let has_colors = parts.color.is_some() || self.entry(Kind::Color, number).is_none();
+        has_colors && !parts.view.kind.is_preview() && !parts.depth.kind.is_preview()
     }
 
     /// What a keyframe can be made of by now: of image and depth the exact one, else what stands in for it. Features

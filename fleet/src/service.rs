@@ -120,7 +120,9 @@ impl Service {
         let serving =
             Serving::start(Arc::clone(&store) as Arc<dyn Store>, Arc::clone(&tcp) as Arc<dyn Transport>)
                 .context("cannot start a thread")?;
-        let work = move || run_node(node, &events, &*tcp, &serving, &of_thread, notify);
+        let work = move || {
+            Worker { node, transport: &*tcp, serving: &serving, shared: &of_thread, notify }.work(&events);
+        };
         let thread = std::thread::Builder::new().name("fleet".into()).spawn(work);
         let thread = Some(thread.context("cannot start a thread")?);
         Ok(Self { commands: Some(commands), shared, store, listening, thread })
@@ -239,71 +241,86 @@ impl Shared {
     }
 }
 
-/// Gives the node what happens, and does what it wants done, until the end.
-fn run_node(
-    mut node: Node,
-    events: &Receiver<Event>,
-    transport: &dyn Transport,
-    serving: &Serving,
-    shared: &Shared,
-    mut notify: impl FnMut(Notice),
-) {
-    let started = Instant::now();
-    let (mut looked, mut arrivals) = (Duration::ZERO, node.arrivals());
-    while !shared.view().ends {
-        let first = match events.recv_timeout(TICK) {
-            Ok(event) => event,
-            Err(RecvTimeoutError::Timeout) => Event::Tick,
-            Err(RecvTimeoutError::Disconnected) => return,
-        };
-        let mut is_own = false;
-        // All that waits, so that nobody is taken to be silent whose messages are there.
-        for event in std::iter::once(first).chain(events.try_iter().take(AT_ONCE)) {
-            let came = match &event {
-                Event::Received { link, bytes } => Some((*link, bytes.len())),
-                Event::Down { link } => {
-                    serving.forget(*link);
-                    None
-                }
-                _ => None,
+/// What the node's thread works with.
+struct Worker<'a, N> {
+    node: Node,
+    transport: &'a dyn Transport,
+    serving: &'a Serving,
+    shared: &'a Shared,
+    notify: N,
+}
+
+impl<N: FnMut(Notice)> Worker<'_, N> {
+    /// Gives the node the events that come, and does what it wants done, until the service ends.
+    fn work(&mut self, events: &Receiver<Event>) {
+        let started = Instant::now();
+        let (mut looked, mut arrivals) = (Duration::ZERO, self.node.arrivals());
+        while !self.shared.view().ends {
+            let first = match events.recv_timeout(TICK) {
+                Ok(event) => event,
+                Err(RecvTimeoutError::Timeout) => Event::Tick,
+                Err(RecvTimeoutError::Disconnected) => return,
             };
-            if matches!(event, Event::Publish(_)) {
-                let mut view = shared.view();
-                // Nobody holds what is just being told.
-                (view.processed, view.is_acknowledged) = (view.processed + 1, false);
+            // All events that wait are taken in, so that no neighbour counts as silent whose messages are here.
+            for event in std::iter::once(first).chain(events.try_iter().take(AT_ONCE)) {
+                self.take_in(started.elapsed(), event);
             }
-            node.apply(started.elapsed(), event);
-            if let Some((link, bytes)) = came {
-                transport.looked_at(link, bytes);
+            let now = started.elapsed();
+            let mut is_own = false;
+            for action in self.node.step(now) {
+                is_own |= self.act(action);
             }
-        }
-        let now = started.elapsed();
-        for action in node.step(now) {
-            match action {
-                Action::Send { link, priority, bytes } => transport.send(link, priority, bytes),
-                Action::Serve { link, hash, offset, length } => serving.ask(link, (hash, offset, length)),
-                Action::Close { link, .. } => transport.close(link),
-                Action::Notify(Notice::Unkept) => shared.view().is_unkept = true,
-                Action::Notify(notice) => {
-                    is_own |= matches!(notice, Notice::Published { .. });
-                    notify(notice);
+            if is_own {
+                self.shared.view().own = self.node.own_maps();
+            }
+            // Who waits for these objects to decide what to do next is told at once.
+            let is_arrival = arrivals != self.node.arrivals();
+            let passed = now.saturating_sub(looked);
+            if is_own || is_arrival && passed >= SHOW[0] || passed >= SHOW[1] {
+                self.shared.refresh(&self.node, now);
+                looked = now;
+                if std::mem::replace(&mut arrivals, self.node.arrivals()) != arrivals {
+                    self.shared.view().arrivals += 1;
+                    self.shared.changed.notify_all();
                 }
             }
         }
-        if is_own {
-            shared.view().own = node.own_maps();
+    }
+
+    fn take_in(&mut self, now: Duration, event: Event) {
+        let came = match &event {
+            Event::Received { link, bytes } => Some((*link, bytes.len())),
+            Event::Down { link } => {
+                self.serving.forget(*link);
+                None
+            }
+            _ => None,
+        };
+        if matches!(event, Event::Publish(_)) {
+            let mut view = self.shared.view();
+            // No neighbour holds yet what is published now.
+            (view.processed, view.is_acknowledged) = (view.processed + 1, false);
         }
-        // Whoever asked for objects to decide what is next has them: the next step need not wait for its turn.
-        let is_arrival = arrivals != node.arrivals();
-        let passed = now.saturating_sub(looked);
-        if is_own || is_arrival && passed >= SHOW[0] || passed >= SHOW[1] {
-            shared.refresh(&node, now);
-            looked = now;
-            if std::mem::replace(&mut arrivals, node.arrivals()) != arrivals {
-                shared.view().arrivals += 1;
-                shared.changed.notify_all();
+        self.node.apply(now, event);
+        if let Some((link, bytes)) = came {
+            self.transport.looked_at(link, bytes);
+        }
+    }
+
+    /// Does what the node wants done; whether an own map was published.
+    fn act(&mut self, action: Action) -> bool {
+        match action {
+            Action::Send { link, priority, bytes } => self.transport.send(link, priority, bytes),
+            Action::Serve { link, hash, offset, length } => self.serving.ask(link, (hash, offset, length)),
+            Action::Close { link, .. } => self.transport.close(link),
+            Action::Notify(Notice::Unkept) => self.shared.view().is_unkept = true,
+            Action::Notify(notice) => {
+                let is_own = matches!(notice, Notice::Published { .. });
+                (self.notify)(notice);
+                return is_own;
             }
         }
+        false
     }
 }
 

@@ -113,7 +113,8 @@ fn scans_that_are_not_there_or_of_another_keyframe_are_refused() {
     }
     let manifest =
         crate::manifest::Manifest::from_bytes(&store.get(&published.version.hash).unwrap()).unwrap();
-    let entries = crate::assembling::entries_of(&manifest, &store).unwrap().unwrap();
+    let pages = crate::assembling::pages_of(&manifest, &store).unwrap().unwrap();
+    let entries = crate::assembling::in_order(&pages).unwrap();
     let assemble = |entries: &[crate::manifest::Entry]| {
         crate::assembling::Assembler::default().assemble(agent(7), entries, &store, None)
     };

@@ -5,7 +5,6 @@
 
 use crate::bytes::{Malformed, Reader, Writer};
 use crate::hash::ObjectHash;
-use crate::keys::Signature;
 use crate::manifest::{MAX_LIST, MAX_OBJECT, flag, within};
 use map::{Identity, Uuid};
 
@@ -67,6 +66,9 @@ impl MapVersion {
         out.bytes(&self.hash.0);
     }
 }
+
+/// A signature under a version of a map (Ed25519, RFC 8032).
+pub type Signature = [u8; 64];
 
 /// What was found out about where agents are, as an object to be asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

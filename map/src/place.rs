@@ -15,7 +15,7 @@ pub struct PlaceCandidate {
 /// An index of keyframes by appearance.
 ///
 /// `View` is the part of a keyframe that the index uses: its image by default, or what was computed from it once and
-/// is used elsewhere too, such as its local features.
+/// is used elsewhere too, such as the words of its features.
 pub trait PlaceIndex<View: ?Sized = GrayImage>: Send {
     /// Forgets all keyframes.
     fn clear(&mut self);

@@ -124,6 +124,13 @@ fn line(kind: impl std::fmt::Debug, what: &str, share: f64, target: &Map, source
     met(kind, what, share, [target, source], [&of_target, &of_source]);
 }
 
+/// How many things of one kind agree, and how many do not.
+fn things(found: &backend::verdict::Weighed, kind: PieceKind) -> [f64; 2] {
+    let of_kind = || found.pieces.iter().map(|(piece, _)| piece).filter(|piece| piece.kind == kind);
+    [true, false].map(|agrees| of_kind().filter(|p| (p.ln_agreement > 0.0) == agrees).map(|p| p.things).sum())
+}
+
+/// Prints what is said of two maps, and by what.
 fn met(
     kind: impl std::fmt::Debug,
     what: &str,
@@ -160,17 +167,7 @@ fn met(
     let off = evaluated.closure.motion.a_from_b.translation.norm();
     let params = PlaceParams::default();
     let found = place_verdict(&prepared[1], &prepared[0], edges, &params).weighed;
-    let count = |kind: PieceKind, agrees: bool| -> f64 {
-        let pieces = found.pieces.iter().map(|(piece, _)| piece);
-        pieces.filter(|p| p.kind == kind && (p.ln_agreement > 0.0) == agrees).map(|p| p.things).sum()
-    };
-    let counts = [
-        (PieceKind::Look, true),
-        (PieceKind::Look, false),
-        (PieceKind::Wear, true),
-        (PieceKind::Wear, false),
-    ];
-    let [la, ld, wa, wd] = counts.map(|(kind, agrees)| count(kind, agrees));
+    let [[la, ld], [wa, wd]] = [PieceKind::Look, PieceKind::Wear].map(|kind| things(&found, kind));
     let later = backend::verdict::Prior { days_apart: 30.0, ..params.prior.clone() };
     let pieces: Vec<_> = found.pieces.iter().map(|(piece, _)| *piece).collect();
     let later = backend::verdict::weigh(&pieces, &later);

@@ -227,8 +227,8 @@ fn add(
 }
 
 impl Joined {
-    /// Nothing yet.
-    fn nothing() -> Self {
+    /// No edge, and nothing looked at.
+    pub(crate) fn nothing() -> Self {
         Self {
             edges: Vec::new(),
             rejected: Vec::new(),

@@ -1,8 +1,7 @@
 //! What keyframes of two maps see of each other by a motion between them, from a few of their points.
 
-use crate::prepared::PreparedMap;
 use geometry::{Pinhole, Sim3};
-use map::KeyframeId;
+use map::{KeyframeId, Map};
 use nalgebra::Vector3;
 
 /// Points of a keyframe that stand for its view.
@@ -39,11 +38,11 @@ impl<'a> Glimpse<'a> {
     }
 
     /// Of a keyframe of a map; `None` when it has no depth.
-    pub(crate) fn of(map: &PreparedMap<'a>, id: KeyframeId) -> Option<Self> {
-        let keyframe = map.map().keyframes.get(&id)?;
+    pub(crate) fn of(map: &'a Map, id: KeyframeId) -> Option<Self> {
+        let keyframe = map.keyframes.get(&id)?;
         let step = keyframe.semi_dense.len().div_ceil(SAMPLES).max(1);
         let samples = keyframe.semi_dense.iter().step_by(step).map(|(pixel, d, _)| (pixel, d));
-        Self::new(id, keyframe.world_from_keyframe, map.map().camera(keyframe), samples)
+        Self::new(id, keyframe.world_from_keyframe, map.camera(keyframe), samples)
     }
 
     /// Of this keyframe's and another's points the share that the other has in its image, from directions of which the

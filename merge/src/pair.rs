@@ -53,6 +53,15 @@ pub struct DirectionGap {
     pub deviation: f64,
 }
 
+/// A place that both agents may have seen.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Place {
+    /// Keyframe of the source.
+    pub source: KeyframeId,
+    /// Keyframe of the target.
+    pub target: KeyframeId,
+}
+
 /// The geometry of two images, before any depth is looked at.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ViewPair {
@@ -107,6 +116,11 @@ pub enum PairRefusal {
 }
 
 impl ViewPair {
+    /// The place that it is of.
+    pub fn place(&self) -> Place {
+        Place { source: self.source, target: self.target }
+    }
+
     /// γ: how many matches agree with the relative pose.
     pub fn match_count(&self) -> usize {
         self.relative_pose.match_count()

@@ -130,7 +130,7 @@ impl<'a> PreparedMap<'a> {
     /// What the keyframes see, in order of time; those without depth are left out.
     pub(crate) fn glimpses(&self) -> &[Glimpse<'a>] {
         let glimpse = |id: &KeyframeId| {
-            let glimpse = Glimpse::of(self, *id);
+            let glimpse = Glimpse::of(self.map, *id);
             // All keyframes are looked at, of which few are needed further.
             self.map.keyframes.get(id).into_iter().for_each(Keyframe::rest);
             glimpse

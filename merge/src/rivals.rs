@@ -5,9 +5,8 @@
 //! that another place matches nearly as well: of maps that show one place most matches are where the closure has them.
 
 use crate::closure::{Closure, ClosureParams, matches_at};
-use crate::pair::{ViewPair, measure_pair, view_pair};
+use crate::pair::{Place, ViewPair, measure_pair, view_pair};
 use crate::prepared::PreparedMap;
-use crate::verification::Place;
 use geometry::{Sim3, median};
 use map::KeyframeId;
 use rayon::prelude::*;
@@ -35,9 +34,7 @@ pub fn rival_share(
     proposed: &[Place],
     params: &ClosureParams,
 ) -> f64 {
-    let is_matched = |place: &Place| {
-        matched.iter().any(|views| (views.source, views.target) == (place.source, place.target))
-    };
+    let is_matched = |place: &Place| matched.iter().any(|views| views.place() == *place);
     let at = |place: Place| At::new(source, target, closure, place);
     let is_elsewhere = |place: &Place| at(*place).is_some_and(|at| at.is_elsewhere());
     let elsewhere: Vec<Place> = proposed
@@ -53,8 +50,7 @@ pub fn rival_share(
         closure.consistent_pairs().filter_map(|pair| Some(pair.measured.as_ref().ok()?.views.match_count()));
     let (mut own, mut rival) = (of_closure.max().unwrap_or(0), 0);
     for views in matched.iter().copied().chain(&found) {
-        let place = Place { source: views.source, target: views.target };
-        match at(place).and_then(|at| at.agrees(source, target, views, params)) {
+        match at(views.place()).and_then(|at| at.agrees(source, target, views, params)) {
             Some(true) => own = own.max(views.match_count()),
             Some(false) => rival = rival.max(views.match_count()),
             None => {}
@@ -71,8 +67,7 @@ pub(crate) fn speaks_for(
     views: &ViewPair,
     params: &ClosureParams,
 ) -> Option<bool> {
-    let place = Place { source: views.source, target: views.target };
-    At::new(source, target, closure, place)?.agrees(source, target, views, params)
+    At::new(source, target, closure, views.place())?.agrees(source, target, views, params)
 }
 
 /// A place as the closure's motion has it; lengths in units of its target keyframe.

@@ -1,5 +1,7 @@
 //! From places proposed by place recognition to a loop closure that may be believed.
 
+pub use crate::pair::Place;
+
 use crate::acceptance::{AcceptanceParams, Decision, Doubt, Evidence, Verdict, judge};
 use crate::closure::{
     Closure, ClosureParams, ClosureRefusal, NeighbourhoodPose, close, close_neighbourhood, matches_at,
@@ -55,15 +57,6 @@ impl VerificationParams {
     pub fn matched_of(&self, proposed: usize) -> usize {
         proposed.min(self.places.max(1) * self.rounds.max(1))
     }
-}
-
-/// A place that both agents may have seen.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Place {
-    /// Keyframe of the source.
-    pub source: KeyframeId,
-    /// Keyframe of the target.
-    pub target: KeyframeId,
 }
 
 /// What became of a place.

@@ -6,8 +6,8 @@
 //! a sensor with few rings, to which only that side tells its roll, swings itself off the ground. Here the twist is constant
 //! from the *middle* of the last sweep on, the instant that it determines best, and what comes back is a third.
 
+use crate::feature_step::{ROUNDS, STEPS, Target, place, step};
 use crate::features::{Feature, Features};
-use crate::floam::{ROUNDS, STEPS, Target, place, step};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
 use crate::point_grid::PointGrid;
 use crate::registration::moved;

@@ -11,14 +11,15 @@
 
 use crate::a_loam::LastFeatures;
 use crate::degeneracy::conditioning;
+use crate::feature_step::{Fit, ROUNDS, STEPS, Target, place, step};
 use crate::features::{Feature, Features, features};
 use crate::motion::{MotionTable, Sweep, SweepMotion};
 use crate::odometry::{Guess, Odometry, OdometryParams, TrackedSweep};
 use crate::point_grid::PointGrid;
-use crate::registration::{Normal, moved, plane_row};
+use crate::registration::moved;
 use crate::surfaces::sorted_eigen;
 use geometry::Se3;
-use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3};
 use scans::Scan;
 
 /// Which of the two is run.
@@ -32,30 +33,10 @@ pub enum FeatureMethod {
 
 /// Spacing of edges and planes in the map, metres (the public code's leaf sizes).
 const LEAVES: (f32, f32) = (0.2, 0.4);
-/// Rounds of matching; at the start, when the motion is not known yet, more.
-pub(crate) const ROUNDS: usize = 2;
-/// Rounds at the start.
+/// Rounds of matching at the start, when the motion is not known yet.
 const STARTING_ROUNDS: usize = 12;
-/// Gauss–Newton steps of a round.
-pub(crate) const STEPS: usize = 4;
-/// Width of Huber's kernel, metres.
-const HUBER: f64 = 0.1;
 /// Range of points used, metres.
 const RANGE: (f32, f32) = (0.5, 100.0);
-
-/// What a feature is compared with: a point on it and the directions in which it may not leave it.
-pub(crate) struct Target {
-    /// The feature's point of the sweep, by index.
-    pub feature: u32,
-    /// A point on what it is compared with, in the world.
-    pub point: [f32; 3],
-    /// Unit directions, of which `count` are used.
-    pub normals: [[f32; 3]; 2],
-    /// 1 for a plane, 2 for a line.
-    pub count: usize,
-    /// Weight of Eq. 4.
-    pub weight: f64,
-}
 
 /// An odometry on features of scans.
 #[derive(Clone, Debug)]
@@ -200,11 +181,6 @@ impl FeatureOdometry {
 #[error("the scan has no rings, on which features by smoothness are defined; use the default method")]
 pub struct NoRings;
 
-/// A feature moved as the table says.
-pub(crate) fn place(sweep: &Sweep, feature: &Feature, table: &MotionTable) -> [f32; 3] {
-    table.transform(sweep.points[feature.point as usize], sweep.shares[feature.point as usize])
-}
-
 /// Weights of Eq. 4: `exp(± α)`, relative to their mean.
 fn weights(features: &[Feature], sign: f64) -> impl Iterator<Item = f64> {
     let raw = move |f: &Feature| (sign * f64::from(f.smoothness)).exp();
@@ -234,64 +210,6 @@ fn plane(points: &[[f32; 3]; 5]) -> Option<([f32; 3], [f32; 3])> {
     let off = |p: &[f32; 3]| (0..3).map(|i| normal[i] * (f64::from(p[i]) - mean[i])).sum::<f64>().abs();
     let fits = points.iter().all(|p| off(p) < 0.2);
     fits.then(|| ([0, 1, 2].map(|i| mean[i] as f32), [0, 1, 2].map(|i| normal[i] as f32)))
-}
-
-/// How features fit the map.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Fit {
-    information: Matrix6<f64>,
-    /// Root mean square distance, metres.
-    rmse: f64,
-    matched: usize,
-    steps: usize,
-}
-
-impl Default for Fit {
-    /// That of the first sweep, which makes the map.
-    fn default() -> Self {
-        Self { information: Matrix6::identity() * 1e6, rmse: 0.0, matched: 0, steps: 0 }
-    }
-}
-
-/// What a distance errs by, metres: with it the normal equations become information.
-const DEVIATION: f64 = 0.03;
-
-/// One Gauss–Newton step of Eq. 4 for a rigid sweep, or for its end with the begin held, and how features fit before
-/// it.
-pub(crate) fn step(
-    sweep: &Sweep,
-    targets: &[Target],
-    motion: &SweepMotion,
-    rigid: bool,
-) -> Option<(Vector6<f64>, Fit)> {
-    let table = MotionTable::new(motion, &Se3::identity());
-    let centre = motion.middle().translation;
-    let centre = [centre.x, centre.y, centre.z];
-    let mut normal = Normal::ZERO;
-    let mut squared = 0.0;
-    for target in targets {
-        let (point, share) = (sweep.points[target.feature as usize], sweep.shares[target.feature as usize]);
-        let world = table.transform(point, share);
-        let residual =
-            |n: [f32; 3]| (0..3).map(|i| f64::from(n[i] * (world[i] - target.point[i]))).sum::<f64>();
-        let normals = &target.normals[..target.count];
-        let distance = normals.iter().map(|&n| residual(n).powi(2)).sum::<f64>().sqrt();
-        squared += distance * distance;
-        let weight = target.weight * if distance > HUBER { HUBER / distance } else { 1.0 };
-        for &n in normals {
-            normal.add(
-                residual(n),
-                plane_row(world.map(f64::from), centre, n.map(f64::from)),
-                weight,
-                f64::from(share),
-            );
-        }
-    }
-    let (h, g) = if rigid { (normal.block(0), normal.g[0]) } else { (normal.block(2), normal.g[1]) };
-    let damped = h + Matrix6::identity() * 1e-6;
-    let rmse = (squared / targets.len().max(1) as f64).sqrt();
-    let fit = Fit { information: h / (DEVIATION * DEVIATION), rmse, matched: targets.len(), steps: 1 };
-    Some((-damped.cholesky()?.solve(&Vector6::from(g)), fit))
 }
 
 #[cfg(test)]

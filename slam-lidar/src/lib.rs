@@ -33,6 +33,7 @@
 mod a_loam;
 pub mod closure;
 pub mod degeneracy;
+mod feature_step;
 pub mod features;
 pub mod floam;
 pub mod keyframe;

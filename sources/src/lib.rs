@@ -57,7 +57,7 @@ pub use stop::Stop;
 
 use crate::pictures::{Picture, StatedFocal};
 use anyhow::{Result, bail};
-use calib::{CameraHint, Imagery};
+use calib::CameraHint;
 use forward::Forward;
 use geometry::Camera;
 use kinds::check_kind;
@@ -249,15 +249,6 @@ pub fn open_bytes(bytes: &[u8], options: &SourceOptions) -> Result<Box<dyn Frame
         return Ok(Box::new(Forward::new(bag_recording::open(input, options)?)));
     }
     Ok(Box::new(Forward::new(mcap_recording::open(input, options)?)))
-}
-
-/// The camera in a `foxglove.CameraCalibration` message (protobuf).
-///
-/// # Errors
-/// When it is none.
-pub fn read_foxglove_calibration(message: &[u8]) -> Result<Camera> {
-    let info = messages::read_calibration(messages::Form::FoxgloveCalibration, message)?;
-    info.camera(Imagery::Raw, "the message")?.ok_or_else(|| anyhow::anyhow!("the camera is not calibrated"))
 }
 
 #[cfg(feature = "sqlite")]

@@ -2,6 +2,7 @@
 
 mod bayer;
 mod color;
+mod color_planes;
 mod depth;
 mod ends;
 mod jpeg;
@@ -10,7 +11,8 @@ mod metadata;
 mod raw;
 mod rows;
 
-pub use color::{ColorPicture, ColorPlanes};
+pub use color::ColorPicture;
+pub use color_planes::ColorPlanes;
 pub use depth::read_depth_image;
 pub use jpeg::{decode_jpeg, decode_mjpeg, whole_jpeg};
 pub use levels::{GreyRange, Levels};

@@ -3,6 +3,7 @@
 
 pub mod process;
 pub mod report;
+pub mod slot;
 #[cfg(feature = "page")]
 pub mod watch;
 #[cfg(not(feature = "page"))]

@@ -5,7 +5,7 @@
 //! contradiction, a surface seen behind where the point should be is one.
 
 use super::KeyframeView;
-use super::view::{DepthPoint, LevelDepth};
+use super::level_depth::{DepthPoint, LevelDepth};
 use crate::params;
 use geometry::{GrayImage, Pinhole, Sim3};
 use nalgebra::Vector2;

@@ -9,6 +9,7 @@ mod cells;
 mod compare;
 mod foreground;
 mod level;
+mod level_depth;
 mod params;
 mod patches;
 mod reciprocal;

@@ -1,6 +1,6 @@
 //! Residuals of one point and their Jacobians.
 
-use super::view::{DepthPoint, LevelDepth};
+use super::level_depth::{DepthPoint, LevelDepth};
 use super::{Sim3AlignParams, Vector9};
 use geometry::{GrayImage, Pinhole, Sim3};
 use nalgebra::{Matrix3, Vector3};

@@ -5,7 +5,7 @@
 //! in it or, where it has too few, from those around it on all sides.
 
 use super::band::{Band, GrainParams, Grid, Layer, box_means, grain};
-use super::view::LevelDepth;
+use super::level_depth::LevelDepth;
 use crate::params;
 use geometry::{Pinhole, Pyramid};
 use nalgebra::{Matrix3, Vector3};

@@ -13,14 +13,12 @@ pub use files::{AUTHORITY, CERTIFICATE, KEY, Keys};
 pub use making::{Authority, DAYS, Validity};
 
 use crate::bytes::Writer;
-use crate::wire::MapVersion;
+use crate::wire::{MapVersion, Signature};
 use map::Uuid;
 use ring::signature::{ED25519, Ed25519KeyPair, UnparsedPublicKey};
 use rustls::pki_types::CertificateDer;
 use webpki::EndEntityCert;
 
-/// A signature (Ed25519, RFC 8032).
-pub type Signature = [u8; 64];
 /// Longest name of a peer, bytes.
 pub const MAX_PEER_NAME: usize = 48;
 /// The name that all certificates are valid for: peers are told apart by their own, not by where they are.

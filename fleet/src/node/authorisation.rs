@@ -10,8 +10,8 @@ mod tests;
 
 use super::{Link, Neighbour, Node};
 use crate::bytes::printable;
-use crate::keys::{Peer, Signature};
-use crate::wire::MapVersion;
+use crate::keys::Peer;
+use crate::wire::{MapVersion, Signature};
 use map::Uuid;
 use std::time::Duration;
 

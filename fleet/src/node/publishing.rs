@@ -2,10 +2,9 @@
 
 use super::{Action, Lists, Node, Notice};
 use crate::hash::ObjectHash;
-use crate::keys::Signature;
 use crate::publishing::Publication;
 use crate::store::Head;
-use crate::wire::{MapVersion, Message};
+use crate::wire::{MapVersion, Message, Signature};
 use map::Identity;
 use std::sync::Arc;
 

@@ -50,28 +50,34 @@ impl Node {
         if is_push && let Err(reason) = known.bucket.one_more(now) {
             return self.refuse(link, reason);
         }
-        if let Message::Hello { version, node, role, name, results } = message {
-            return self.handle_hello(now, link, (version, node, role == Role::Station), name, results);
+        match (message, node) {
+            (Message::Hello { version, node, role, name, results }, _) => {
+                self.handle_hello(now, link, (version, node, role == Role::Station), name, results);
+            }
+            (Message::Speaks { oldest, newest }, _) => known.speaks = Some([oldest, newest]),
+            (Message::Refused { reason }, _) => self.handle_refusal(link, node, &reason),
+            (message, Some(node)) => self.handle_known(now, (link, node), message),
+            // Nothing is believed before the neighbour says who it is; it will say it again.
+            (_, None) => {}
         }
-        if let Message::Speaks { oldest, newest } = message {
-            known.speaks = Some([oldest, newest]);
-            return;
-        }
-        if let Message::Refused { reason } = message {
-            let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
-            let text = format!("{name} refused us: {}", printable(&reason));
-            self.actions.push(Action::Notify(Notice::Trouble(text.clone())));
-            self.forget(link, "it refused us");
-            return self.actions.push(Action::Close { link, reason: text });
-        }
-        // Before it said who it is, nothing is believed; it will say it again.
-        let Some(node) = node else { return };
+    }
+
+    fn handle_refusal(&mut self, link: LinkId, node: Option<Uuid>, reason: &str) {
+        let name = node.and_then(|node| self.neighbours.get(&node)).map_or("a neighbour", |n| &n.name);
+        let text = format!("{name} refused us: {}", printable(reason));
+        self.actions.push(Action::Notify(Notice::Trouble(text.clone())));
+        self.forget(link, "it refused us");
+        self.actions.push(Action::Close { link, reason: text });
+    }
+
+    /// Handles the message of a neighbour that has said who it is.
+    fn handle_known(&mut self, now: Duration, (link, node): (LinkId, Uuid), message: Message) {
         let Some(neighbour) = self.neighbours.get_mut(&node) else { return };
         match message {
             Message::Hello { .. } | Message::Speaks { .. } | Message::Refused { .. } => {}
             Message::State { version, signature } => self.handle_version(link, node, version, signature),
             Message::Stored { agent, begun, revision, missing } => {
-                // Of a map that is not told here nobody wants to know it.
+                // Only what is stored of own maps matters here.
                 let Some(own) = self.own.get(&agent) else { return };
                 let acknowledged = ((begun, revision), missing);
                 let before = neighbour.stored.insert(agent, acknowledged);
@@ -98,7 +104,7 @@ impl Node {
                     PartOutcome::More | PartOutcome::Unwanted => {}
                     PartOutcome::Whole(bytes) => self.handle_object(link, node, hash, bytes),
                     PartOutcome::Wrong => {
-                        // Its disk may be at fault, and not itself.
+                        // The neighbour's disk may be at fault, so it is not refused.
                         neighbour.later.insert(hash, now + ASK_AGAIN[1]);
                         let text = format!("{} sent an object that is not what it is called", neighbour.name);
                         self.actions.push(Action::Notify(Notice::Trouble(text)));
@@ -122,20 +128,8 @@ impl Node {
         results: Option<ResultsRef>,
     ) {
         let Some(known) = self.links.get(&link) else { return };
-        // Who does not say it speaks one alone.
-        let [oldest, newest] = known.speaks.unwrap_or([version; 2]);
-        let [own_oldest, own_newest] = self.config.versions;
-        if oldest > own_newest || newest < own_oldest {
-            let reason = format!(
-                "it speaks versions {oldest} to {newest} of the protocol, this one {own_oldest} to {own_newest}"
-            );
-            return self.refuse(link, reason);
-        }
-        if node == self.config.node {
-            return self.refuse(link, "it is this one itself: the address is one's own".into());
-        }
         let peer = known.peer.as_ref().map(|peer| peer.id);
-        let node = match self.known_as(now, known, node) {
+        let node = match self.admitted(now, known, version, node) {
             Ok(node) => node,
             Err(reason) => return self.refuse(link, reason),
         };
@@ -173,6 +167,22 @@ impl Node {
         if is_new || is_new_results {
             self.plan_fetch(node);
         }
+    }
+
+    /// The name by which a neighbour is known that says this version and this name; the reason where it is refused.
+    fn admitted(&self, now: Duration, known: &Link, version: u16, node: Uuid) -> Result<Uuid, String> {
+        // A neighbour that does not say which versions it speaks speaks only this one.
+        let [oldest, newest] = known.speaks.unwrap_or([version; 2]);
+        let [own_oldest, own_newest] = self.config.versions;
+        if oldest > own_newest || newest < own_oldest {
+            return Err(format!(
+                "it speaks versions {oldest} to {newest} of the protocol, this one {own_oldest} to {own_newest}"
+            ));
+        }
+        if node == self.config.node {
+            return Err("it is this one itself: the address is one's own".into());
+        }
+        self.known_as(now, known, node)
     }
 
     /// Has nothing more to do with whoever told a map that is none, for some minutes.

@@ -1,27 +1,22 @@
 //! Objects in a folder: `objects/ab/abcd…`, a file each, and `heads/UUID-EPOCH` with the manifest of each map that is whole.
 //!
-//! A file has its name under `objects` once its content is on the disk, so that a name that is there after a power cut is
-//! that of a whole file, unless the disk itself is at fault. What is on its way is in memory, and in `new`.
+//! A file gets its name under `objects` once its content is on the disk. So after a power cut each name there is that of a
+//! whole file, unless the disk itself is at fault. Until then an object is in memory, and its file in `new`.
 
 use super::disk::{Disk, System};
-use super::writing::{Job, Writer};
+use super::shared::{HEADS, Inner, Job, NEW, OBJECTS, OWN, State};
+use super::writing::Writer;
 use super::{Head, Objects, Pins, Store, StoreEvent, locked};
 use crate::hash::ObjectHash;
 use crate::manifest::Manifest;
 use map::{Identity, Uuid};
-use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
+use std::collections::{BTreeMap, HashMap};
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
-use std::time::Instant;
 
-const OBJECTS: &str = "objects";
-const HEADS: &str = "heads";
-const NEW: &str = "new";
-/// What stands behind the manifest of an agent who works here. Of another's its peer follows, if it is known.
-const OWN: &str = "own";
 /// What the system says where a disk cannot read what it wrote.
 const EIO: i32 = 5;
 
@@ -31,35 +26,6 @@ pub struct FolderStore {
     thread: Option<JoinHandle<()>>,
     /// Keeps other programs out; the system lets go of it when this one is killed.
     _lock: Option<File>,
-}
-
-/// What the store and the thread that writes share.
-pub(super) struct Inner {
-    folder: PathBuf,
-    pub disk: Box<dyn Disk>,
-    pub state: Mutex<State>,
-    pub changed: Condvar,
-    pins: Pins,
-}
-
-#[derive(Default)]
-pub(super) struct State {
-    /// The objects that are here, and their sizes, bytes.
-    sizes: HashMap<ObjectHash, u32>,
-    /// Those that are not on the disk yet.
-    pub waiting: HashMap<ObjectHash, Arc<[u8]>>,
-    pub waiting_bytes: usize,
-    /// Those whose content was seen to be right since the program began.
-    checked: HashSet<ObjectHash>,
-    pub heads: BTreeMap<Identity, Head>,
-    pub jobs: VecDeque<Job>,
-    /// Since when there are some.
-    pub since: Option<Instant>,
-    pub events: Vec<StoreEvent>,
-    pub ends: bool,
-    /// Whether the thread is at work, and whether it is to begin at once.
-    pub is_at_work: bool,
-    pub is_urgent: bool,
 }
 
 impl FolderStore {
@@ -134,57 +100,6 @@ impl FolderStore {
 /// What an object is called whose file this is.
 fn hash_of(path: &Path) -> Option<ObjectHash> {
     path.file_name().and_then(|name| ObjectHash::parse(name.to_str()?))
-}
-
-impl Inner {
-    /// The file of an object.
-    pub fn file(&self, hash: &ObjectHash) -> PathBuf {
-        let name = hash.to_string();
-        self.folder.join(OBJECTS).join(&name[..2]).join(name)
-    }
-
-    /// The same before its content is on the disk.
-    pub fn new_file(&self, hash: &ObjectHash) -> PathBuf {
-        self.folder.join(NEW).join(hash.to_string())
-    }
-
-    /// The file of a head, and what stands there.
-    pub fn head_file(&self, agent: Identity, head: Head) -> (PathBuf, String) {
-        let path = self.folder.join(HEADS).join(format!("{}-{}", agent.uuid, agent.epoch));
-        let peer = head.peer.map_or(String::new(), |peer| format!(" {peer}"));
-        (path, format!("{} {}{peer}\n", head.manifest, if head.own { OWN } else { "told" }))
-    }
-
-    /// An object that is gone or damaged.
-    fn lose(&self, hash: &ObjectHash) {
-        let mut state = locked(&self.state);
-        state.forget(hash);
-        state.events.push(StoreEvent::Lost(*hash));
-        self.changed.notify_all();
-    }
-}
-
-impl State {
-    /// Has something done on the disk.
-    pub fn add(&mut self, job: Job) {
-        self.jobs.push_back(job);
-        self.since.get_or_insert_with(Instant::now);
-    }
-
-    /// An object is in no need of memory any more.
-    pub fn written(&mut self, hash: &ObjectHash) {
-        if let Some(bytes) = self.waiting.remove(hash) {
-            self.waiting_bytes -= bytes.len();
-        }
-    }
-
-    fn forget(&mut self, hash: &ObjectHash) {
-        if self.sizes.remove(hash).is_some() {
-            self.written(hash);
-            self.checked.remove(hash);
-            self.add(Job::Remove(*hash));
-        }
-    }
 }
 
 impl Objects for FolderStore {

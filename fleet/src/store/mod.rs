@@ -6,6 +6,7 @@
 mod disk;
 mod folder;
 mod pins;
+mod shared;
 #[cfg(test)]
 mod tests;
 mod writing;

@@ -1,7 +1,7 @@
 //! The thread that brings a store's objects and heads to the disk, those that come within a moment together: then a version
 //! of a map costs two syncs, however many objects it has, and those of several agents cost no more.
 
-use super::folder::{Inner, State};
+use super::shared::{Inner, Job, State};
 use super::{Head, StoreEvent, locked};
 use crate::hash::ObjectHash;
 use map::Identity;
@@ -17,20 +17,10 @@ const GATHERED: usize = 8 << 20;
 /// How long nothing is tried after the disk refused.
 const PAUSE: Duration = Duration::from_millis(if cfg!(test) { 20 } else { 3000 });
 
-/// Something to be done on the disk.
-#[derive(Clone, Copy)]
-pub(super) enum Job {
-    /// An object that waits is to be written.
-    Write(ObjectHash),
-    /// One is to be removed.
-    Remove(ObjectHash),
-    /// A map is whole by all that was to be written before.
-    Head(Identity, Head),
-}
-
+/// The writing thread.
 pub(super) struct Writer(pub Arc<Inner>);
 
-/// What goes to the disk together.
+/// Jobs that share their syncs.
 #[derive(Default)]
 struct Batch {
     /// Objects, and whether they are still to be given their names.

@@ -128,8 +128,14 @@ pub fn collect(
         let what = detector.what_else(&empty);
         bail!("no image of {given} shows the board {board}: {what}");
     }
+    check_order(&detector, board, &views)?;
+    Ok(Collected { size, shots: kept, given, coverage: seen })
+}
+
+/// Refuses a grid of tags whose numbers run otherwise than on the board that is asked for.
+fn check_order(detector: &Detector, board: &Board, views: &[View]) -> Result<()> {
     if let (Detector::AprilGrid(grid), Some(view)) =
-        (&detector, views.iter().max_by_key(|view| view.corners.len()))
+        (detector, views.iter().max_by_key(|view| view.corners.len()))
         && let Some(order) = grid.wrong_order(&view.corners)
     {
         bail!(
@@ -138,7 +144,7 @@ pub fn collect(
             view.name
         );
     }
-    Ok(Collected { size, shots: kept, given, coverage: seen })
+    Ok(())
 }
 
 /// The next images.

@@ -1,6 +1,6 @@
 //! Stretches of a LiDAR's path that are guessed, since what the scans show does not determine all of the motion.
 
-use super::record::ScanRow;
+use super::scan_row::ScanRow;
 use serde::Serialize;
 
 /// A stretch of the path whose scans do not determine all of the motion.

@@ -17,6 +17,7 @@ pub mod poses;
 pub mod record;
 mod report;
 pub mod run;
+pub mod scan_row;
 pub mod sweep_timing;
 
 pub(crate) use output::read_inputs;

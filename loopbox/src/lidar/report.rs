@@ -3,7 +3,8 @@
 use super::guessed::GuessedRow;
 use super::merging::{LidarMergeRecord, LidarMerging, PairRecord};
 use super::page::{Matrix, Page, Plot, Table, packed_path, thinned};
-use super::record::{LidarRecord, LoopRow, ScanRow};
+use super::record::{LidarRecord, LoopRow};
+use super::scan_row::ScanRow;
 use anyhow::Result;
 use map::{AgentId, Map};
 use slam_lidar::keyframe::context_of;

@@ -7,8 +7,8 @@ use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{AgentInfo, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
 use nalgebra::Matrix6;
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::Arc;
+use view::slot::Slot;
 
 /// Poses that wait at the most: those of half a minute.
 const MAX_POSES: usize = 1000;
@@ -34,8 +34,6 @@ pub(super) struct Pending {
     pub world: usize,
     /// Nothing comes after this.
     pub ended: bool,
-    /// Something was left since it was taken.
-    fresh: bool,
 }
 
 /// A frame that has a pose.
@@ -63,40 +61,9 @@ pub(super) struct Depth {
     pub shift: Shift,
 }
 
-/// Where it waits.
-#[derive(Default)]
-pub(super) struct Slot {
-    pending: Mutex<Pending>,
-    left: Condvar,
-}
-
-impl Slot {
-    fn open(&self) -> MutexGuard<'_, Pending> {
-        // Every section leaves it whole, so a panic elsewhere does not spoil it.
-        self.pending.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Adds something and wakes who takes it.
-    pub fn update(&self, change: impl FnOnce(&mut Pending)) {
-        let mut pending = self.open();
-        change(&mut pending);
-        pending.fresh = true;
-        drop(pending);
-        self.left.notify_one();
-    }
-
-    /// Takes what was left; waits for it, at most so long.
-    pub fn take(&self, patience: Duration) -> Pending {
-        let waited = self.left.wait_timeout_while(self.open(), patience, |pending| !pending.fresh);
-        let mut pending = waited.unwrap_or_else(PoisonError::into_inner).0;
-        let world = pending.world;
-        std::mem::replace(&mut *pending, Pending { world, ..Pending::default() })
-    }
-}
-
 /// Follows a run, and leaves in the slot what is new. It does no work but to copy what little is not shared.
 pub struct Follower {
-    slot: Arc<Slot>,
+    slot: Arc<Slot<Pending>>,
     /// The worlds of the run so far, in the order they were first seen.
     worlds: Vec<Identity>,
     /// The world whose map was handed on.
@@ -108,7 +75,7 @@ pub struct Follower {
 }
 
 impl Follower {
-    pub(super) fn new(slot: Arc<Slot>) -> Self {
+    pub(super) fn new(slot: Arc<Slot<Pending>>) -> Self {
         Self { slot, worlds: Vec::new(), current: None, before: None, health: Health::default() }
     }
 
@@ -135,7 +102,7 @@ impl Follower {
 
 impl MapListener for Follower {
     fn begins(&mut self, about: &AgentInfo) {
-        self.slot.update(|pending| pending.about = Some(about.clone()));
+        self.slot.leave(|pending| pending.about = Some(about.clone()));
     }
 
     fn changed(&mut self, _: Identity, _: Vec<MapDelta>) {
@@ -149,7 +116,7 @@ impl MapListener for Follower {
         let anew = is_other || seen.deltas.iter().any(|delta| !delta.removed.is_empty());
         self.current = Some(world);
         self.health.add(seen);
-        self.slot.update(|pending| {
+        self.slot.leave(|pending| {
             pending.health = Some(self.health.clone());
             if anew {
                 pending.begin(world);
@@ -182,7 +149,7 @@ impl MapListener for Follower {
         let Some(map) = maps.first().filter(own) else { return };
         let Some(identity) = map.agents.values().find_map(|agent| agent.identity) else { return };
         let world = self.world(identity);
-        self.slot.update(|pending| {
+        self.slot.leave(|pending| {
             if self.current != Some(world) {
                 pending.begin(world);
             }
@@ -193,6 +160,12 @@ impl MapListener for Follower {
 }
 
 impl Pending {
+    /// Takes what was left; the number of the world stays.
+    pub fn taken(&mut self) -> Self {
+        let world = self.world;
+        std::mem::replace(self, Self { world, ..Self::default() })
+    }
+
     /// Forgets what waits of another map.
     fn begin(&mut self, world: usize) {
         (self.anew, self.world) = (true, world);

@@ -17,19 +17,20 @@ pub use publisher::Published;
 
 use crate::run::lower_priority;
 use anyhow::{Context, Result};
-use following::Slot;
+use following::Pending;
 use publisher::RunPublisher;
 use ros2::Outlet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
+use view::slot::Slot;
 
 /// How long the thread waits for something new before it looks whether something is to be published again.
 const PATIENCE: Duration = Duration::from_millis(500);
 
 /// A run that is being published.
 pub struct Publishing {
-    slot: Arc<Slot>,
+    slot: Arc<Slot<Pending>>,
     thread: JoinHandle<Published>,
 }
 
@@ -45,7 +46,7 @@ impl Publishing {
             lower_priority();
             let mut publisher = RunPublisher::default();
             loop {
-                let pending = of_thread.take(PATIENCE);
+                let pending = of_thread.take_by(PATIENCE, Pending::taken);
                 let ended = pending.ended;
                 publisher.publish(pending, &mut outlet);
                 if ended {
@@ -63,7 +64,7 @@ impl Publishing {
     /// # Errors
     /// When the thread broke down.
     pub fn finish(self) -> Result<Published> {
-        self.slot.update(|pending| pending.ended = true);
+        self.slot.leave(|pending| pending.ended = true);
         self.thread
             .join()
             .map_err(|_| anyhow::anyhow!("internal error in publishing to ROS 2, please report it"))

@@ -1,6 +1,5 @@
 //! A run of a few frames, told frame by frame.
 
-use super::following::Slot;
 use super::publisher::RunPublisher;
 use super::*;
 use crate::run::{MapListener, ProcessedFrame};
@@ -61,7 +60,7 @@ struct Case {
     map: Map,
     agent: Identity,
     follower: Follower,
-    slot: Arc<Slot>,
+    slot: Arc<Slot<Pending>>,
     publisher: RunPublisher,
     kept: Kept,
     sequence: u64,
@@ -117,7 +116,7 @@ impl Case {
     }
 
     fn publish(&mut self) {
-        let pending = self.slot.take(Duration::ZERO);
+        let pending = self.slot.take_by(Duration::ZERO, Pending::taken);
         self.publisher.publish(pending, &mut self.kept);
     }
 }
@@ -241,7 +240,7 @@ fn points_are_published_when_their_depth_is_new_and_the_map_is_current() {
     assert_eq!((case.publisher.published().clouds, case.publisher.published().map_clouds), (2, 1));
     // Keyframes that are moved say nothing new of their points.
     case.look(0.3, step(0.1), moved(1, 3.0));
-    case.slot.update(|pending| pending.ended = true);
+    case.slot.leave(|pending| pending.ended = true);
     case.publish();
     assert_eq!((case.publisher.published().clouds, case.publisher.published().map_clouds), (2, 2));
     let clouds = case.kept.of("/the_yard/map_points");

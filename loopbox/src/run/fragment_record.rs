@@ -1,9 +1,8 @@
 //! What `run.json` holds of each part of a run.
 
-use crate::run::diagnosis::{WithoutDepth, without_depth};
-use crate::run::output::{MAP, TRAJECTORY};
-use crate::run::record::numbered;
+use crate::run::file_names::{MAP, TRAJECTORY, numbered};
 use crate::run::scale_doubt::{ScaleDoubt, scale_doubts};
+use crate::run::without_depth::{WithoutDepth, without_depth};
 use serde::Serialize;
 use slam_direct::ScaleBreak;
 use std::collections::BTreeMap;
@@ -50,5 +49,15 @@ impl Fragment {
             scale_break: first.copied(),
             scale_doubts: scale_doubts(map),
         }
+    }
+
+    /// What to say of a fragment that begins because the scale of the one before it was not carried on; nothing of others.
+    pub fn not_carried(&self) -> Option<String> {
+        let text = self.scale_break?.text();
+        Some(format!(
+            "the scale is not carried on at frame {}: {text}; what comes there is in {}, in a unit of its own\n\
+             hint: keep part of what was seen in view where the camera turns, and move sideways there",
+            self.first_frame, self.map
+        ))
     }
 }

@@ -1,6 +1,6 @@
 //! A run as it is asked for, and its way from there to the results.
 
-use super::diagnosis::{doubtful, too_few_poses};
+use super::diagnosis::too_few_poses;
 use super::lens::{FirstPart, FoundLens, Recording};
 use super::lens_check::GivenLens;
 use super::listeners::{Listeners, MapListener};
@@ -9,8 +9,9 @@ use super::output::{Output, REPORT, TrajectoryFormat};
 use super::record::{CalibrationRecord, Setup};
 use super::resuming::{Kept, Resume};
 use super::saving::Form;
-use super::scale_doubt::{doubtful_scale, not_carried};
+use super::scale_doubt::doubtful_scale;
 use super::session::{Mapped, Session};
+use super::without_depth::doubtful_depth;
 use super::{Progress, Silent};
 use crate::open::recording_name;
 use crate::swapping::SwapFiles;
@@ -237,20 +238,8 @@ impl PreparedRun {
         stop: &Stop,
         progress: &dyn Progress,
     ) -> Result<Mapped> {
-        let Self {
-            source,
-            info,
-            about,
-            camera,
-            params,
-            correction,
-            head,
-            output,
-            mut kept,
-            options,
-            listeners,
-            ..
-        } = self;
+        let Self { source, info, about, camera, params, correction, .. } = self;
+        let Self { head, output, mut kept, options, listeners, .. } = self;
         let recorder = Recorder::idle();
         if let Some(path) = &options.record {
             recorder.start(path, &head)?;
@@ -291,22 +280,28 @@ impl PreparedRun {
         if let Ok(Some(summary)) = &recorded {
             progress.note(&summary.text());
         }
-        warn(&mapped, progress);
-        progress.mapped(&mapped.record, &mapped.folder);
-        let note = format!("The run has ended. Its results are in {}", mapped.folder.display());
-        let report = mapped.record.files.iter().any(|name| name == REPORT);
-        let report = report.then(|| mapped.folder.join(REPORT));
-        watch.end(Ended { note: &note, report: report.as_deref() });
+        end(&mapped, progress, watch);
         recorded?;
         Ok(mapped)
     }
+}
+
+/// Tells the user and the viewers what the run has come to.
+fn end(mapped: &Mapped, progress: &dyn Progress, watch: Watch) {
+    warn(mapped, progress);
+    progress.mapped(&mapped.record, &mapped.folder);
+    let note = format!("The run has ended. Its results are in {}", mapped.folder.display());
+    let report = mapped.record.files.iter().any(|name| name == REPORT);
+    let report = report.then(|| mapped.folder.join(REPORT));
+    watch.end(Ended { note: &note, report: report.as_deref() });
 }
 
 /// Says what of a result is doubtful.
 fn warn(mapped: &Mapped, progress: &dyn Progress) {
     let fragments = mapped.record.fragments.iter().flat_map(|one| {
         let scale = doubtful_scale(&one.trajectory, &one.scale_doubts);
-        doubtful(&one.map, one.without_depth.as_ref()).into_iter().chain(not_carried(one)).chain(scale)
+        let depth = doubtful_depth(&one.map, one.without_depth.as_ref());
+        depth.into_iter().chain(one.not_carried()).chain(scale)
     });
     too_few_poses(&mapped.record.frames).into_iter().chain(fragments).for_each(|text| progress.warn(&text));
 }

@@ -1,7 +1,8 @@
 //! The folder a run writes into.
 
+use super::file_names::{LIVE_TRAJECTORY, MAP, TRAJECTORY, numbered};
 use super::live_map::LiveMapWriter;
-use super::record::{RunRecord, handed_out, numbered};
+use super::record::{RunRecord, handed_out};
 use crate::results::{Owner, Results};
 use anyhow::{Context, Result};
 use map::{AgentInfo, CloudSelection, Identity, Map, MapDelta, StampedPose};
@@ -21,10 +22,6 @@ pub enum TrajectoryFormat {
     Kitti,
 }
 
-pub const MAP: &str = "map.mcap";
-pub const TRAJECTORY: &str = "trajectory.txt";
-/// The poses as they were handed out, before what came later corrected them.
-pub const LIVE_TRAJECTORY: &str = "trajectory-live.txt";
 const CLOUD: &str = "cloud.ply";
 pub(super) const REPORT: &str = "report.html";
 const NUMBERS: &str = "run.json";

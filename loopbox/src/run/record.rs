@@ -6,9 +6,9 @@ mod frame_row;
 pub use cost::{Cost, Latency};
 pub use frame_row::{FrameRow, state_name};
 
-use crate::run::diagnosis::WithoutDepth;
 use crate::run::fragment_record::Fragment;
 use crate::run::resuming::Resumed;
+use crate::run::without_depth::WithoutDepth;
 use geometry::{Camera, Pinhole};
 use map::StampedPose;
 use serde::Serialize;
@@ -311,14 +311,6 @@ pub struct MapCounts {
     pub edges: u64,
     /// Loops closed.
     pub loops: u64,
-}
-
-/// The file of a fragment: `map.mcap`, `map-2.mcap`, `map-3.mcap` …
-pub fn numbered(name: &str, place: usize) -> String {
-    match (place, name.rsplit_once('.')) {
-        (0, _) | (_, None) => name.to_owned(),
-        (_, Some((stem, extension))) => format!("{stem}-{}.{extension}", place + 1),
-    }
 }
 
 /// The poses as they were handed out, of the fragment in which most frames have one: each fragment has a world of its own.

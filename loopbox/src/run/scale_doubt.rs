@@ -1,7 +1,6 @@
 //! Where the scale of a trajectory may have changed. What a camera sees does not tell its scale: after a change all lengths are as wrong.
 //! But speed and depth change by one factor then, at once, while the image moves as before.
 
-use crate::run::fragment_record::Fragment;
 use geometry::{Se3, median};
 use map::{AgentId, FramePose, KeyframeId, Map};
 use serde::Serialize;
@@ -152,16 +151,6 @@ pub fn doubtful_scale(name: &str, doubts: &[ScaleDoubt]) -> Option<String> {
             places.join(", ")
         )
     })
-}
-
-/// What to say of a fragment that begins because the scale of the one before it was not carried on; nothing of others.
-pub fn not_carried(fragment: &Fragment) -> Option<String> {
-    let text = fragment.scale_break?.text();
-    Some(format!(
-        "the scale is not carried on at frame {}: {text}; what comes there is in {}, in a unit of its own\n\
-         hint: keep part of what was seen in view where the camera turns, and move sideways there",
-        fragment.first_frame, fragment.map
-    ))
 }
 
 #[cfg(test)]

@@ -2,15 +2,11 @@
 
 use crate::KeyframeId;
 use crate::color::{Color, Luma};
-use prost_types::field_descriptor_proto::Type;
 
 /// Where colours lie in a file that has some.
 pub(super) const COLOR_TOPIC: &str = "/loopbox/color";
 /// Name of the message's schema.
 pub(super) const COLOR_SCHEMA: &str = "loopbox.Color";
-/// The fields of the message, for the schema.
-pub(super) const COLOR_FIELDS: [super::schema::Field; 3] =
-    [("keyframe", 1, Type::Uint32, false), ("luma", 2, Type::Uint32, false), ("jpeg", 3, Type::Bytes, false)];
 
 /// A keyframe's colours.
 #[derive(Clone, PartialEq, prost::Message)]

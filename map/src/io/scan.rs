@@ -2,15 +2,11 @@
 
 use crate::{KeyframeId, Scan};
 use geometry::limits::MAX_SCAN_POINTS;
-use prost_types::field_descriptor_proto::Type;
 
 /// Where scans lie in a file that has a LiDAR agent.
 pub(super) const SCAN_TOPIC: &str = "/loopbox/scan";
 /// Name of the message's schema.
 pub(super) const SCAN_SCHEMA: &str = "loopbox.Scan";
-/// The fields of the message, for the schema.
-pub(super) const SCAN_FIELDS: [super::schema::Field; 2] =
-    [("id", 1, Type::Uint32, false), ("cell_step", 2, Type::Uint64, true)];
 
 /// A keyframe's scan.
 #[derive(Clone, PartialEq, prost::Message)]

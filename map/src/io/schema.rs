@@ -1,13 +1,11 @@
 //! The schema of loopbox's own messages, so that any MCAP tool can read a map without loopbox.
 
-use super::color::COLOR_FIELDS;
-use super::scan::SCAN_FIELDS;
 use prost::Message;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
 
 /// Name, number, type, and whether there are many.
-pub(super) type Field = (&'static str, i32, Type, bool);
+type Field = (&'static str, i32, Type, bool);
 
 /// Name of the keyframe message's schema.
 pub(super) const KEYFRAME_SCHEMA: &str = "loopbox.Keyframe";
@@ -54,6 +52,11 @@ const GRAPH_FIELDS: [Field; 14] = [
     ("frame_reference", 13, Type::Uint32, true),
     ("keyframe_from_frame", 14, Type::Double, true),
 ];
+
+const SCAN_FIELDS: [Field; 2] = [("id", 1, Type::Uint32, false), ("cell_step", 2, Type::Uint64, true)];
+
+const COLOR_FIELDS: [Field; 3] =
+    [("keyframe", 1, Type::Uint32, false), ("luma", 2, Type::Uint32, false), ("jpeg", 3, Type::Bytes, false)];
 
 /// The protobuf `FileDescriptorSet` of keyframes, features and the graph, as MCAP's schema encoding `protobuf` asks for.
 pub(super) fn descriptor_set() -> Vec<u8> {

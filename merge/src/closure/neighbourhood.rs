@@ -9,9 +9,8 @@ use crate::generalised_pose::{
 use crate::matching::match_features;
 use crate::optimal_scale::{Basis, OptimalScale};
 use crate::overlap::Glimpse;
-use crate::pair::view_pair;
+use crate::pair::{Place, view_pair};
 use crate::prepared::{PreparedKeyframe, PreparedMap};
-use crate::verification::Place;
 use geometry::Sim3;
 use map::KeyframeId;
 use nalgebra::Vector3;
@@ -218,5 +217,5 @@ fn overlapping(
 
 /// The keyframes around one that have depth.
 fn glimpses<'a>(map: &PreparedMap<'a>, id: KeyframeId, radius: usize) -> Vec<Glimpse<'a>> {
-    map.around(id, radius).iter().filter_map(|&id| Glimpse::of(map, id)).collect()
+    map.around(id, radius).iter().filter_map(|&id| Glimpse::of(map.map(), id)).collect()
 }

@@ -70,7 +70,8 @@ pub(super) fn allow(edge: &mut Edge, target: &PreparedMap, drift: &[f64; 3]) {
 
 /// The median distance of what a keyframe sees, its unit.
 pub(super) fn reach(map: &PreparedMap, id: KeyframeId) -> Option<f64> {
-    let mut distances: Vec<f64> = Glimpse::of(map, id)?.points.iter().map(|point| point.norm()).collect();
+    let mut distances: Vec<f64> =
+        Glimpse::of(map.map(), id)?.points.iter().map(|point| point.norm()).collect();
     distances.sort_by(f64::total_cmp);
     distances.get(distances.len() / 2).copied()
 }

@@ -31,17 +31,18 @@ pub(super) fn search(pool: &Pool, sampler: &mut Sampler, params: &GeneralisedPos
             continue;
         }
         let mut support = MIN_SUPPORT;
-        let (mut drawn, mut needed) = (0, params.max_samples.max(1));
-        while drawn < needed {
-            drawn += 1;
+        let (mut samples, mut needed) = (0, params.max_samples.max(1));
+        while samples < needed {
+            samples += 1;
             // Keyframes of many matches are drawn more often.
             let view = pool.matches[all[sampler.below(all.len())]].sides[to].view;
             let own = &by_view[&view];
             if own.len() < MIN_SUPPORT {
                 continue;
             }
-            let sample = sampler.sample::<3>(own.len()).map(|i| own[i]);
-            for to_from in poses(pool, to, view, own, sample, &mut support, sampler, params) {
+            let drawn = sampler.sample::<3>(own.len()).map(|i| own[i]);
+            let sample = Sample { view, own, drawn };
+            for to_from in poses(pool, to, &sample, &mut support, sampler, params) {
                 let motion = if to == 1 { to_from } else { to_from.inverse() };
                 let cost = cost(pool, &motion, params);
                 if motion.is_valid() && best.as_ref().is_none_or(|(least, _)| cost < *least) {
@@ -68,21 +69,28 @@ fn of_each_view(pool: &Pool, to: usize) -> BTreeMap<usize, Vec<usize>> {
     by_view
 }
 
-/// The similarities, to side `to` from the other, that a sample of three matches allows: poses of the keyframe `view`
-/// with scales that other matches tell. `support` is the most key points that agreed with one so far; poses with which not
-/// half as many do are not worth a scale.
-#[expect(clippy::too_many_arguments, reason = "a step of the loop above")]
+/// Three matches of one keyframe.
+struct Sample<'a> {
+    /// The keyframe.
+    view: usize,
+    /// All matches of that keyframe, by index.
+    own: &'a [usize],
+    /// The three that were drawn.
+    drawn: [usize; 3],
+}
+
+/// The similarities, to side `to` from the other, that a sample allows: poses of its keyframe with scales that other matches
+/// tell. `support` is the most key points that agreed with one so far; poses with which not half as many do are not worth a
+/// scale.
 fn poses(
     pool: &Pool,
     to: usize,
-    view: usize,
-    own: &[usize],
-    sample: [usize; 3],
+    &Sample { view, own, drawn }: &Sample,
     support: &mut usize,
     sampler: &mut Sampler,
     params: &GeneralisedPoseParams,
 ) -> Vec<Sim3> {
-    let sightings = sample.map(|index| {
+    let sightings = drawn.map(|index| {
         let sides = &pool.matches[index].sides;
         let point = sides[1 - to].point.map_or(Vector3::zeros(), |point| point.position);
         pnp::Sighting { point, ray: sides[to].ray }

@@ -137,11 +137,6 @@ impl MergeGraph {
         Ok(id)
     }
 
-    /// Takes a merge back and gives it; `None` when there is none of that name.
-    pub fn remove_merge(&mut self, id: MergeId) -> Option<Merge> {
-        self.merges.remove(&id).map(|accepted| accepted.merge)
-    }
-
     /// The agents, ascending.
     pub fn agents(&self) -> impl Iterator<Item = AgentId> + '_ {
         self.agents.iter().copied()

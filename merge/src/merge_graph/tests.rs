@@ -84,24 +84,6 @@ fn the_best_two_of_three_merges_make_the_tree() {
 }
 
 #[test]
-fn a_merge_taken_back_leaves_what_was_before_or_what_is_left() {
-    let worlds = worlds(3, 3);
-    let mut graph = graph(&worlds);
-    let ab = graph.add_merge(merge(&worlds, A, B, 1.0)).unwrap();
-    let before = graph.components();
-    let weak = graph.add_merge(merge(&worlds, A, C, 0.5)).unwrap();
-    let strong = graph.add_merge(merge(&worlds, B, C, 3.0)).unwrap();
-    assert_eq!(graph.components()[0].agents[&C].path, [ab, strong]);
-    assert_eq!(graph.remove_merge(strong), Some(merge(&worlds, B, C, 3.0)));
-    assert_eq!(graph.components()[0].agents[&C].path, [weak], "the spare merge steps in");
-    graph.remove_merge(weak);
-    assert_eq!(graph.components(), before);
-    assert_eq!(graph.remove_merge(weak), None);
-    let again = graph.add_merge(merge(&worlds, A, C, 0.5)).unwrap();
-    assert!(again > strong, "names are not used again");
-}
-
-#[test]
 fn what_nothing_joins_stays_apart() {
     let worlds = worlds(5, 4);
     let mut graph = graph(&worlds);

@@ -51,9 +51,7 @@ use crate::closure::Closure;
 use crate::estimate::Estimate;
 use crate::further::Joined;
 use crate::prepared::PreparedMap;
-use backend::sim3_align::{Comparison, PatchComparison};
 use map::{Edge, EdgeKind, KeyframeId};
-use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -195,17 +193,6 @@ impl Placement {
 impl From<Placement> for Joined {
     /// The one edge, and nothing that was compared with it.
     fn from(placement: Placement) -> Self {
-        Self {
-            edges: vec![placement.edge()],
-            rejected: Vec::new(),
-            tested: 0,
-            failed: 0,
-            confirmed: 0,
-            rival: 0,
-            seen: Comparison::default(),
-            patches: PatchComparison::default(),
-            place: None,
-            information: SMatrix::zeros(),
-        }
+        Self { edges: vec![placement.edge()], ..Self::nothing() }
     }
 }

@@ -15,7 +15,6 @@ mod stored;
 #[cfg(test)]
 mod tests;
 
-use crate::features::Features;
 use crate::vocabulary::{Vocabulary, WordBag, WordId};
 use inverted::InvertedFile;
 use map::{KeyframeId, PlaceCandidate, PlaceIndex};
@@ -251,25 +250,5 @@ impl PlaceIndex<WordBag> for BowIndex {
     ) -> Vec<PlaceCandidate> {
         let query = self.weighted(bag);
         self.best(self.worth_scoring(&query, count, groups, group), &query, count, groups)
-    }
-}
-
-impl PlaceIndex<Features> for BowIndex {
-    fn clear(&mut self) {
-        PlaceIndex::<WordBag>::clear(self);
-    }
-
-    fn add(&mut self, keyframe: KeyframeId, features: &Features) {
-        let bag = self.vocabulary.words(features);
-        self.add(keyframe, &bag);
-    }
-
-    fn query_among(
-        &self,
-        features: &Features,
-        count: usize,
-        admissible: &dyn Fn(KeyframeId) -> bool,
-    ) -> Vec<PlaceCandidate> {
-        self.query_among(&self.vocabulary.words(features), count, admissible)
     }
 }

@@ -22,7 +22,6 @@ mod model;
 mod tests;
 
 use crate::bow::{BowIndex, BowParams};
-use crate::features::Features;
 use crate::vocabulary::{Vocabulary, WordBag, WordId};
 use map::{KeyframeId, PlaceCandidate, PlaceIndex};
 use model::{Model, Observed};
@@ -168,25 +167,5 @@ impl PlaceIndex<WordBag> for FabMap {
         };
         let candidate = |(keyframe, probability)| PlaceCandidate { keyframe, score: probability as f32 };
         location.places.into_iter().filter(fits).map(candidate).collect()
-    }
-}
-
-impl PlaceIndex<Features> for FabMap {
-    fn clear(&mut self) {
-        PlaceIndex::<WordBag>::clear(self);
-    }
-
-    fn add(&mut self, keyframe: KeyframeId, features: &Features) {
-        let bag = self.nearest.vocabulary().words(features);
-        self.add(keyframe, &bag);
-    }
-
-    fn query_among(
-        &self,
-        features: &Features,
-        count: usize,
-        admissible: &dyn Fn(KeyframeId) -> bool,
-    ) -> Vec<PlaceCandidate> {
-        self.query_among(&self.nearest.vocabulary().words(features), count, admissible)
     }
 }

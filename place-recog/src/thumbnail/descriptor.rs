@@ -11,7 +11,7 @@ pub(super) const LENGTH: usize = WIDTH * HEIGHT;
 /// Side of the squares that a thumbnail's coarse values are the means of.
 const SIDE: usize = 5;
 /// Numbers in a thumbnail's coarse values.
-pub(super) const COARSE: usize = LENGTH / (SIDE * SIDE);
+const COARSE: usize = LENGTH / (SIDE * SIDE);
 /// Standard deviation of the blur, thumbnail pixels (Klein & Murray 2008 take 2.5 for theirs).
 const BLUR: f32 = 2.0;
 /// Length of the vector of stored values: with 1,200 values a sum of products stays within i32.

@@ -10,7 +10,7 @@ mod real_data;
 #[cfg(test)]
 mod tests;
 
-use descriptor::{COARSE, Coarse, LENGTH, Thumbnail};
+use descriptor::{Coarse, LENGTH, Thumbnail};
 use geometry::GrayImage;
 use map::{KeyframeId, PlaceCandidate, PlaceIndex};
 use serde::{Deserialize, Serialize};
@@ -52,10 +52,6 @@ pub struct ThumbnailIndex {
 }
 
 impl ThumbnailIndex {
-    /// Memory of one keyframe, bytes.
-    pub const BYTES_PER_KEYFRAME: usize =
-        LENGTH * size_of::<i16>() + (COARSE + 1) * size_of::<f32>() + size_of::<KeyframeId>();
-
     /// An empty index.
     pub fn new(params: ThumbnailParams) -> Self {
         Self { params, ..Default::default() }

@@ -199,11 +199,6 @@ impl Vocabulary {
         self.len() == 0
     }
 
-    /// How many images it was trained on.
-    pub fn training_images(&self) -> u32 {
-        self.images
-    }
-
     /// The word of a descriptor: down the tree to the nearest centre at each level.
     pub fn lookup(&self, descriptor: &Descriptor) -> WordId {
         WordId(self.tree.lookup(descriptor))

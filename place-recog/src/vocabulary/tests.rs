@@ -124,7 +124,7 @@ fn the_shipped_vocabulary_is_whole_and_small() {
     assert!(include_bytes!("shipped.vocabulary").len() <= 3_000_000);
     let vocabulary = Vocabulary::shipped();
     assert!(vocabulary.len() >= 5000, "{} words", vocabulary.len());
-    assert!(vocabulary.training_images() >= 500);
+    assert!(vocabulary.images >= 500);
 }
 
 #[test]

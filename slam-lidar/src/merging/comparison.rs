@@ -7,7 +7,8 @@
 
 use super::patches::{NONE, area, grouped};
 use super::robot_map::RobotMap;
-use super::surfels::{Surfel, crossings};
+use super::surfel::Surfel;
+use super::surfels::crossings;
 use crate::keyframe::transformed;
 use backend::verdict::{Piece, PieceKind};
 use geometry::Se3;

@@ -1,6 +1,6 @@
 //! The tests of a merge, as figures beside their bounds.
 
-use super::verdict::bounds::MOST;
+use super::bounds::MOST;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 

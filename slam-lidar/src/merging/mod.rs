@@ -8,21 +8,26 @@
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
 //! the same pose by themselves, and what is believed is what each map saw as free and as filled.
 
+pub mod bounds;
 pub mod candidates;
 pub mod comparison;
 pub mod correlation;
 pub mod emr;
 pub mod graph;
 pub mod hypotheses;
+mod key_points;
 pub mod lines;
+mod own_depth;
 pub mod patches;
 pub mod robot_map;
 pub mod shifts;
+pub mod surfel;
 pub mod surfels;
 #[cfg(test)]
 mod tests;
 pub mod verdict;
 pub mod views;
+mod walls;
 
 use crate::closure::{Found, coarse_search, search};
 use crate::voxels::{VoxelTable, first_of_each_voxel};
@@ -33,7 +38,7 @@ use lines::{Line, Test};
 use rayon::prelude::*;
 use robot_map::RobotMap;
 use serde::{Deserialize, Serialize};
-use verdict::{Decision, Verdict, bounds, confirm, decide, distinct, evidence, is_one, seen};
+use verdict::{Decision, Verdict, confirm, decide, distinct, evidence, is_one, seen};
 
 /// So many clusters of hypotheses are registered with whole maps, thinned.
 const FOLLOWED: usize = 16;

@@ -3,7 +3,8 @@
 //! A wall, the front of a cabinet or of a pallet is a patch. What is made in numbers (a door's frame, an upright of a rack)
 //! occurs often in a map and says little about where one is; the front of a cabinet that stands nowhere else says much.
 
-use super::surfels::{CELL, Surfel};
+use super::surfel::Surfel;
+use super::surfels::CELL;
 use crate::voxels::{VoxelTable, key_of};
 use nalgebra::Vector3;
 

@@ -1,10 +1,10 @@
 //! A robot's map, ready to be merged: as a whole, and in pieces that are independent of each other.
 
-use super::correlation::{Walls, walls};
-use super::emr::{KeyPoint, key_points};
+use super::key_points::{KeyPoint, key_points};
+use super::own_depth::{OwnDepth, own_depths};
 use super::patches::Patches;
-use super::shifts::{Steady, all_steady};
 use super::surfels::{CELL, Surfels};
+use super::walls::{Walls, walls};
 use crate::keyframe::{Keyframe, Seen, Submap, transformed};
 use crate::scan_context::ScanContext;
 use crate::voxels::{VoxelTable, first_of_each_voxel};
@@ -45,7 +45,7 @@ pub struct RobotMap {
     /// Its walls, likewise.
     walls: OnceLock<Walls>,
     /// What its own views say of each surfel, likewise.
-    steady: OnceLock<Vec<Steady>>,
+    own_depths: OnceLock<Vec<OwnDepth>>,
 }
 
 /// Length of way of a piece, metres: as far as loops reach on either side of a keyframe, and a few scans at least.
@@ -95,7 +95,7 @@ impl RobotMap {
             pieces: spans(keyframes).into_iter().map(|span| piece(keyframes, span)).collect(),
             key_points: OnceLock::new(),
             walls: OnceLock::new(),
-            steady: OnceLock::new(),
+            own_depths: OnceLock::new(),
         }
     }
 
@@ -105,8 +105,8 @@ impl RobotMap {
     }
 
     /// What its own views say of each of its surfels.
-    pub(super) fn steady(&self) -> &[Steady] {
-        self.steady.get_or_init(|| all_steady(self))
+    pub(super) fn own_depths(&self) -> &[OwnDepth] {
+        self.own_depths.get_or_init(|| own_depths(&self.surfels, &self.poses))
     }
 
     /// Whether it comes before another in an order that has nothing to do with how maps were given: what follows from two maps is
@@ -127,7 +127,7 @@ impl RobotMap {
 
     /// Its key points with their descriptors.
     pub(super) fn key_points(&self) -> &[KeyPoint] {
-        self.key_points.get_or_init(|| key_points(self))
+        self.key_points.get_or_init(|| key_points(&self.whole, &self.poses))
     }
 }
 

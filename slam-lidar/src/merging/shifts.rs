@@ -6,17 +6,14 @@
 //! is one fact. Held against that is how often a map differs from itself, the rays of its even views from those of its odd ones,
 //! by the likelihood ratio of a rate of its own against that of one place ([`ln_rate_ratio`]).
 
+use super::own_depth::{Look, OwnDepth, depth_along, looks};
 use super::robot_map::RobotMap;
-use super::surfels::Surfel;
-use super::views::View;
+use super::surfel::Surfel;
 use geometry::Se3;
-use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
-/// Rays whose median is a depth, at least.
-const RAYS: usize = 3;
 /// What the median of three errs by, of what one errs by: order statistics of the normal law (David and Nagaraja, "Order
 /// Statistics", 2003).
 const MEDIAN_OF_THREE: f32 = 0.67;
@@ -25,17 +22,6 @@ const MEDIAN_OF_THREE: f32 = 0.67;
 const NOISE: f32 = 0.02;
 /// Depths differ from so many standard deviations on, as a surfel is absent from so many on.
 const DEVIATIONS: f32 = 4.0;
-/// Views that put a surface at one depth, at least: two may agree by chance.
-const VIEWS: usize = 3;
-/// How far they do, metres: the thickness up to which a cell is flat.
-const ONE_DEPTH: f32 = 0.04;
-/// Depths are compared up to this far before and beyond a surface, metres: what ends nearer is hidden.
-const NEAR: f32 = 0.3;
-/// Cosine of the angle up to which two views look from the same side, 15°: from farther apart a cell shows other faces of what is in it.
-const SAME_SIDE: f32 = 0.966;
-/// Sine of the angle to a surface from which on a view counts, 20°: at less it sees what stands out of a wall, a door's frame, and not the
-/// wall, and from a little farther aside another part of it.
-const FACING: f32 = 0.34;
 /// Edge of a place, cells.
 const PLACE: i32 = 2;
 
@@ -56,96 +42,6 @@ impl std::ops::Add for Counted {
     }
 }
 
-/// The depths at which a view's rays end, seen along a direction.
-struct Look {
-    /// From the sensor to the surface, a unit vector in the frame of the surface's map.
-    direction: [f32; 3],
-    /// Off the surface along its normal, metres, beyond it positive.
-    depths: Vec<f32>,
-}
-
-/// What a map's own views say of one of its surfels.
-#[derive(Clone, Debug, Default)]
-pub struct Steady {
-    /// The depth that all put it at, metres off its plane; none where they do not.
-    depth: Option<f32>,
-    /// Where they look from, unit vectors.
-    directions: Vec<[f32; 3]>,
-    /// How far the odd views' rays lie off where the even ones put it, and the reverse, metres.
-    halves: [Option<f32>; 2],
-}
-
-fn median(mut values: Vec<f32>) -> Option<f32> {
-    if values.is_empty() {
-        return None;
-    }
-    values.sort_by(f32::total_cmp);
-    let half = values.len() / 2;
-    Some(if values.len() % 2 == 1 { values[half] } else { 0.5 * (values[half - 1] + values[half]) })
-}
-
-/// What a map's views say of a surfel, which is `moved` in that map's frame; `back` brings the map's poses into the surfel's own.
-fn looks<'a>(
-    surfel: &'a Surfel,
-    moved: &'a Surfel,
-    map: &'a RobotMap,
-    back: &'a Se3,
-) -> impl Iterator<Item = Look> + 'a {
-    let look = |(view, pose): (&View, &Se3)| {
-        let away = Vector3::from(surfel.middle.map(f64::from)) - (*back * *pose).translation;
-        let direction = away.normalize().map(|v| v as f32);
-        if direction.dot(&Vector3::from(surfel.axes[0])).abs() < FACING {
-            return None;
-        }
-        let mut depths = Vec::new();
-        view.each_crossing(moved, NEAR, |beyond| {
-            if beyond > -NEAR {
-                depths.push(beyond);
-            }
-        });
-        (!depths.is_empty()).then(|| Look { direction: direction.into(), depths })
-    };
-    map.surfels.views.iter().zip(&map.poses).filter_map(look)
-}
-
-/// The depth at which all of enough views put a surface.
-fn one_depth(looks: &[&Look]) -> Option<f32> {
-    let each: Vec<f32> = looks.iter().filter_map(|look| median(look.depths.clone())).collect();
-    let depth = median(each.clone()).filter(|_| each.len() >= VIEWS)?;
-    each.iter().all(|own| (own - depth).abs() <= ONE_DEPTH).then_some(depth)
-}
-
-/// The depth of rays that look along one of some directions.
-fn depth_along<'a>(looks: impl Iterator<Item = &'a Look>, directions: &[[f32; 3]]) -> Option<f32> {
-    let is_same_side = |look: &&Look| {
-        let cosine = |own: &[f32; 3]| (0..3).map(|k| own[k] * look.direction[k]).sum::<f32>();
-        directions.iter().any(|own| cosine(own) >= SAME_SIDE)
-    };
-    let depths: Vec<f32> = looks.filter(is_same_side).flat_map(|look| look.depths.iter().copied()).collect();
-    median(depths.clone()).filter(|_| depths.len() >= RAYS)
-}
-
-fn steady(map: &RobotMap, surfel: &Surfel) -> Steady {
-    if !surfel.is_flat {
-        return Steady::default();
-    }
-    let all: Vec<Look> = looks(surfel, surfel, map, &Se3::identity()).collect();
-    let directions = |looks: &[&Look]| looks.iter().map(|look| look.direction).collect::<Vec<_>>();
-    let every: Vec<&Look> = all.iter().collect();
-    let half = |odd: usize| all.iter().skip(odd).step_by(2).collect::<Vec<&Look>>();
-    let off = |own: usize| {
-        let (own, other) = (half(own), half(1 - own));
-        let depth = one_depth(&own)?;
-        Some(depth_along(other.into_iter(), &directions(&own))? - depth)
-    };
-    Steady { depth: one_depth(&every), directions: directions(&every), halves: [off(0), off(1)] }
-}
-
-/// What a map's own views say of each of its surfels.
-pub(super) fn all_steady(map: &RobotMap) -> Vec<Steady> {
-    map.surfels.all.par_iter().map(|surfel| steady(map, surfel)).collect()
-}
-
 /// Places by whether some surface in them is shifted by more than `limit`, metres.
 fn counted(shifts: impl Iterator<Item = ([i32; 3], f32)>, limit: f32) -> Counted {
     let mut places: BTreeMap<[i32; 3], bool> = BTreeMap::new();
@@ -161,18 +57,19 @@ pub(super) fn shifts(a: &RobotMap, b: &RobotMap, a_from_b: &Se3, deviation: f32)
     let limit = DEVIATIONS * MEDIAN_OF_THREE * deviation.max(NOISE);
     let back = a_from_b.inverse();
     let one = |target: &RobotMap, source: &RobotMap, forth: &Se3, back: &Se3| {
-        let shift = |(surfel, own): (&Surfel, &Steady)| {
+        let shift = |(surfel, own): (&Surfel, &OwnDepth)| {
             let depth = own.depth?;
             let moved = surfel.moved(forth);
-            let seen: Vec<Look> = looks(surfel, &moved, target, back).collect();
+            let seen: Vec<Look> =
+                looks([surfel, &moved], &target.surfels.views, &target.poses, back).collect();
             Some((surfel.cell, depth_along(seen.iter(), &own.directions)? - depth))
         };
         let found: Vec<([i32; 3], f32)> =
-            source.surfels.all.par_iter().zip(source.steady()).filter_map(shift).collect();
+            source.surfels.all.par_iter().zip(source.own_depths()).filter_map(shift).collect();
         counted(found.into_iter(), limit)
     };
     let own = |map: &RobotMap, half: usize| {
-        let cells = map.surfels.all.iter().zip(map.steady());
+        let cells = map.surfels.all.iter().zip(map.own_depths());
         counted(cells.filter_map(|(surfel, own)| Some((surfel.cell, own.halves[half]?))), limit)
     };
     let within = [a, b].map(|map| own(map, 0) + own(map, 1));

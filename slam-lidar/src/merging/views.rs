@@ -5,7 +5,7 @@
 //! taken along the normal: a ray that grazes a floor ends metres farther and still on it. Nothing is interpolated between
 //! rays, so no margin is needed for their spacing, and none grows with the range.
 
-use super::surfels::Surfel;
+use super::surfel::Surfel;
 use geometry::Se3;
 use nalgebra::Vector3;
 

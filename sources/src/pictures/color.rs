@@ -1,12 +1,9 @@
 //! The colours of pictures, which are decoded of few of them: those that become keyframes.
 
+use super::color_planes::{ColorPlanes, two_planes};
 use super::{RawPicture, bayer, decode_any, jpeg, raw};
-use geometry::{GrayImage, Image};
+use geometry::Image;
 use map::Luma;
-
-/// The differences of blue and of red from the grey level, as [`Luma::differences`] stores them; a plane each, of the
-/// picture's size.
-pub type ColorPlanes = (Luma, [GrayImage; 2]);
 
 /// A picture in colour whose grey levels were decoded.
 #[derive(Clone, Debug)]
@@ -52,20 +49,6 @@ fn of_file(bytes: &[u8]) -> Option<ColorPlanes> {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let pixels = image.pixels().map(|pixel| Luma::Rec709.differences(pixel.0));
     Some((Luma::Rec709, two_planes(width, height, pixels)?))
-}
-
-/// The two planes of pixels that have a pair of values each.
-pub(super) fn two_planes(
-    width: usize,
-    height: usize,
-    pixels: impl Iterator<Item = [u8; 2]>,
-) -> Option<[GrayImage; 2]> {
-    let [mut blue, mut red] = [0, 1].map(|_| Vec::with_capacity(width * height));
-    for [of_blue, of_red] in pixels {
-        blue.push(of_blue);
-        red.push(of_red);
-    }
-    Some([GrayImage::from_vec(width, height, blue)?, GrayImage::from_vec(width, height, red)?])
 }
 
 impl RawPicture {

@@ -1,6 +1,6 @@
 //! JPEG files and the frames of MJPEG cameras, which leave out what a file must have.
 
-use super::color::two_planes;
+use super::color_planes::two_planes;
 use geometry::GrayImage;
 use geometry::limits::{MAX_PIXELS, check_image_size};
 use zune_core::bytestream::ZCursor;

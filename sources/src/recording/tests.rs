@@ -2,7 +2,8 @@ use super::writer::calibration_message;
 use super::*;
 use crate::correction::CameraOptions;
 use crate::pictures::Picture;
-use crate::{FoundCalibration, FrameSource, SourceFrame, SourceOptions, time};
+use crate::{FoundCalibration, FrameSource, SourceFrame, SourceOptions, messages, time};
+use calib::Imagery;
 use geometry::{Camera, Distortion, Fov, KannalaBrandt, Pinhole, RadTan};
 use std::io::Cursor;
 
@@ -119,7 +120,8 @@ fn every_lens_comes_back_exactly_from_file_and_message() {
         // Other tools go by the message.
         let mut message = Vec::new();
         foxglove::Encode::encode(&calibration_message(&camera, 5), &mut message).unwrap();
-        assert_eq!(crate::read_foxglove_calibration(&message).unwrap(), camera);
+        let info = messages::read_calibration(messages::Form::FoxgloveCalibration, &message).unwrap();
+        assert_eq!(info.camera(Imagery::Raw, "the message").unwrap(), Some(camera));
     }
 }
 

@@ -2,13 +2,12 @@
 //! when it gets to it.
 
 use super::Neighbourhood;
-use super::handle::loops_of;
 use super::status::{Facts, FoundBreak};
+use crate::report::scene::kind_number;
 use geometry::{GrayImage, Se3, Sim3};
-use map::{Color, FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
+use map::{Color, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::Arc;
 
 /// What the watcher has not taken yet.
 #[derive(Default)]
@@ -53,8 +52,6 @@ pub struct Pending {
     pub report: bool,
     /// The run has ended, and nothing comes after this.
     pub ended: bool,
-    /// Nothing was left since the watcher last took it.
-    pub(super) fresh: bool,
 }
 
 /// An image as it was tracked.
@@ -90,37 +87,6 @@ pub struct Depth {
     pub color: Option<Color>,
     /// Its depth.
     pub semi_dense: Shared<SemiDense>,
-}
-
-/// Where the tracker leaves what is new.
-#[derive(Default)]
-pub struct Slot {
-    pending: Mutex<Pending>,
-    left: Condvar,
-}
-
-impl Slot {
-    /// The slot, to leave something in it.
-    pub fn open(&self) -> MutexGuard<'_, Pending> {
-        // Every section leaves it whole, so a panic elsewhere does not spoil it.
-        self.pending.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Leaves something and wakes the watcher.
-    pub fn leave(&self, change: impl FnOnce(&mut Pending)) {
-        let mut pending = self.open();
-        change(&mut pending);
-        pending.fresh = true;
-        drop(pending);
-        self.left.notify_one();
-    }
-
-    /// Takes what was left; waits for it, at most so long.
-    pub fn take(&self, patience: Duration) -> Pending {
-        let guard = self.open();
-        let waited = self.left.wait_timeout_while(guard, patience, |pending| !pending.fresh);
-        std::mem::take(&mut *waited.unwrap_or_else(PoisonError::into_inner).0)
-    }
 }
 
 /// Hands on what is said of a map. It lives with the tracker.
@@ -185,6 +151,13 @@ fn hand_on_depth(keyframe: &Keyframe, pending: &mut Pending) {
     pending.depths.retain(|depth| depth.id != keyframe.id);
     let color = keyframe.color.clone();
     pending.depths.push(Depth { id: keyframe.id, image, color, semi_dense });
+}
+
+/// The edges that viewers see, loops and merges, as `from, to, kind`.
+pub fn loops_of(edges: &[Edge]) -> Vec<[u32; 3]> {
+    let says = |edge: &&Edge| matches!(edge.kind, EdgeKind::Loop | EdgeKind::Merge);
+    let numbers = |edge: &Edge| [edge.from.0, edge.to.0, kind_number(edge.kind)];
+    edges.iter().filter(says).map(numbers).collect()
 }
 
 impl Pose {
@@ -292,14 +265,5 @@ mod tests {
         let pending = case.apply(added([0]));
         assert!(!pending.anew);
         assert_eq!(announced(&pending), (vec![0], vec![], 1));
-    }
-
-    #[test]
-    fn what_is_left_is_taken_once() {
-        let slot = Slot::default();
-        slot.leave(|pending| pending.taken += 1);
-        slot.leave(|pending| pending.taken += 1);
-        assert_eq!(slot.take(Duration::ZERO).taken, 2);
-        assert_eq!(slot.take(Duration::ZERO).taken, 0);
     }
 }

@@ -6,9 +6,8 @@ use super::scene::{Agent, Scene};
 use super::status::{Facts, FoundBreak};
 use super::web;
 use super::{Command, Neighbourhood, RunPage, Shared, watcher};
-use crate::report::scene::kind_number;
 use anyhow::{Context, Result};
-use map::{AgentInfo, Edge, EdgeKind, Map, MapDelta};
+use map::{AgentInfo, Map, MapDelta};
 use slam_direct::{Frame, FrameReport, TrackingState};
 use sources::Stop;
 use sources::recording::RecordButton;
@@ -318,11 +317,4 @@ impl Drop for Inner {
         // A run that ended by an error says nothing more.
         self.close();
     }
-}
-
-/// Edges that say something beyond which keyframe follows which: loops and merges.
-pub fn loops_of(edges: &[Edge]) -> Vec<[u32; 3]> {
-    let says = |edge: &&Edge| matches!(edge.kind, EdgeKind::Loop | EdgeKind::Merge);
-    let numbers = |edge: &Edge| [edge.from.0, edge.to.0, kind_number(edge.kind)];
-    edges.iter().filter(says).map(numbers).collect()
 }

@@ -30,7 +30,8 @@ pub use scene::{Agent, Cursor, Placed, Scene, SceneUpdate, Step};
 pub use station::{CommonMap, StationWatch};
 pub use status::Status;
 
-use feed::Slot;
+use crate::slot::Slot;
+use feed::Pending;
 use serde::Deserialize;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::SyncSender;
@@ -54,7 +55,7 @@ pub enum Command {
 
 /// What watcher and sinks share.
 pub struct Shared {
-    slot: Slot,
+    slot: Slot<Pending>,
     scene: Mutex<Scene>,
     /// Sinks that show images.
     audience: AtomicUsize,

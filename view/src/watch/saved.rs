@@ -1,7 +1,7 @@
 //! Maps that are saved, as a scene.
 
 use super::chunk::Chunk;
-use super::handle::loops_of;
+use super::feed::loops_of;
 use super::scene::{Agent, Placed, Scene};
 use super::station::steps;
 use super::status::Status;

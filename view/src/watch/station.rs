@@ -1,7 +1,7 @@
 //! The page of one who collects the maps of many: who is near, and the common map as it grows.
 
 use super::chunk::Chunk;
-use super::handle::loops_of;
+use super::feed::loops_of;
 use super::scene::{Agent, Placed, Scene, Step};
 use super::status::Status;
 use super::web::{Address, Server};

@@ -3,13 +3,12 @@
 use super::RemoteMap;
 use crate::assembling::read_page;
 use crate::hash::ObjectHash;
-use crate::keys::Signature;
 use crate::link::ObjectRef;
 use crate::manifest::{ENTRIES, Kind, Manifest, Page};
 use crate::node::quota::Load;
 use crate::node::{Action, LinkId, Lists, Node, Notice, Quota};
 use crate::store::Head;
-use crate::wire::MapVersion;
+use crate::wire::{MapVersion, Signature};
 use map::{Identity, Uuid};
 use std::collections::BTreeSet;
 use std::sync::Arc;

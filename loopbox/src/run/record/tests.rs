@@ -42,13 +42,6 @@ fn what_is_not_used_is_reported_with_its_reason() {
 }
 
 #[test]
-fn fragments_have_files_of_their_own() {
-    assert_eq!(numbered("map.mcap", 0), "map.mcap");
-    assert_eq!(numbered("map.mcap", 1), "map-2.mcap");
-    assert_eq!(numbered("trajectory.txt", 2), "trajectory-3.txt");
-}
-
-#[test]
 fn thousands_are_parted() {
     assert_eq!([0, 999, 1000, 21_918, 2_942_060].map(grouped), ["0", "999", "1,000", "21,918", "2,942,060"]);
 }
