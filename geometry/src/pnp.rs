@@ -1,6 +1,7 @@
 //! The pose of a camera that sees points of known position: from three of them, and from many of which some are wrong.
 
 use crate::{Sampler, Se3, samples_needed, umeyama};
+use nalgebra::linalg::Schur;
 use nalgebra::{Complex, Matrix4, Vector3};
 
 /// A point and the direction in which the camera sees it.
@@ -58,7 +59,10 @@ pub fn p3p(sightings: [&Sighting; 3]) -> Vec<Se3> {
     real_roots(&quartic).into_iter().filter_map(pose).collect()
 }
 
-/// The real roots of a quartic, highest power first.
+/// Steps of the Schur decomposition of a quartic's companion matrix at the most. Some ten do; for some matrices no number does.
+const SCHUR_STEPS: usize = 1000;
+
+/// The real roots of a quartic, highest power first; none where they are not found in so many steps.
 fn real_roots(coefficients: &[f64; 5]) -> Vec<f64> {
     let [lead, rest @ ..] = coefficients;
     let largest = coefficients.iter().fold(0.0f64, |m, c| m.max(c.abs()));
@@ -90,7 +94,8 @@ fn real_roots(coefficients: &[f64; 5]) -> Vec<f64> {
         }
         x.is_finite().then_some(x)
     };
-    companion.complex_eigenvalues().iter().filter_map(|&root| polish(root)).collect()
+    let Some(schur) = Schur::try_new(companion, f64::EPSILON, SCHUR_STEPS) else { return Vec::new() };
+    schur.complex_eigenvalues().iter().filter_map(|&root| polish(root)).collect()
 }
 
 /// The pose that most sightings agree with, and which these are (RANSAC; Fischler & Bolles 1981); `None` when too few
@@ -167,6 +172,26 @@ mod tests {
             Sighting { point: camera_from_world.inverse() * seen, ray: seen / seen.z }
         };
         (camera_from_world, seed[6..].chunks_exact(3).map(sighting).collect())
+    }
+
+    /// The steps of the decomposition turn in a circle for x⁴ = −½.
+    #[test]
+    fn a_quartic_whose_decomposition_does_not_converge_has_no_roots_in_place_of_no_end() {
+        assert!(real_roots(&[2.0, 0.0, 0.0, 0.0, 1.0]).is_empty());
+        let mut found = real_roots(&[1.0, -10.0, 35.0, -50.0, 24.0]);
+        found.sort_by(f64::total_cmp);
+        assert!(
+            found.len() == 4 && found.iter().zip([1.0, 2.0, 3.0, 4.0]).all(|(a, b)| (a - b).abs() < 1e-9)
+        );
+    }
+
+    /// As where features of one keyframe match one of the other's: these come to that quartic.
+    #[test]
+    fn three_points_in_one_direction_have_no_pose() {
+        let ray = Vector3::new(-0.24479166666666669, 0.40937500000000004, 1.0);
+        let seen = [0.67291666666666672, 0.80625000000000024, 0.93958333333333344]
+            .map(|x| Sighting { point: Vector3::new(x, -0.36875000000000008, 2.0000000000000004), ray });
+        assert!(p3p([&seen[0], &seen[1], &seen[2]]).is_empty());
     }
 
     fn distance(a: &Se3, b: &Se3) -> f64 {

@@ -39,7 +39,7 @@ pub(super) fn found(
             agent.and_then(identity).unwrap_or_default()
         }),
         verdict: reported_verdict(pair_result.verdict(), is_open(pair_result.as_given())),
-        why: refusal_of(merging, pair_result),
+        why: refusal_of(merging, &pair_result),
         pending: false,
     });
     MergeResults {

@@ -5,6 +5,7 @@
 use crate::merging::{Known, PairResult, Places};
 use fleet::hash::ObjectHash;
 use map::Identity;
+use std::borrow::Borrow;
 use std::collections::{BTreeMap, BTreeSet};
 
 /// A map among others, by whose it is and what it holds.
@@ -46,10 +47,11 @@ impl Memory {
     }
 
     /// Keeps what pairs of these maps made of each other now, beside what is known of others of them, and nothing of others.
-    pub fn keep<'a>(&mut self, maps: &[Content], pair_results: impl Iterator<Item = &'a PairResult>) {
+    pub fn keep(&mut self, maps: &[Content], pair_results: impl Iterator<Item: Borrow<PairResult>>) {
         let agents: BTreeSet<Identity> = maps.iter().map(|map| map.agent).collect();
         self.pairs.retain(|pair, _| pair.iter().all(|agent| agents.contains(agent)));
         for pair_result in pair_results {
+            let pair_result: &PairResult = pair_result.borrow();
             let contents = [pair_result.target, pair_result.source].map(|map| maps[map]);
             let remembered = Remembered { contents, pair_result: pair_result.clone() };
             self.pairs.insert(key(contents[0], contents[1]), remembered);
@@ -115,7 +117,7 @@ mod tests {
         assert_eq!(is_due(&memory, &now, [1, 2], false), Some(true));
         assert_eq!([changed.pair_result.target, changed.pair_result.source], [0, 1]);
         // Nothing is kept of one that is not there any more.
-        memory.keep(&maps[..2], std::iter::empty());
+        memory.keep(&maps[..2], std::iter::empty::<PairResult>());
         assert_eq!(is_due(&memory, &maps, [0, 2], false), None);
     }
 

@@ -1,6 +1,6 @@
 //! Pairs of maps of which a person says that both show one place.
 
-use super::{Input, MergingParams, PairResult};
+use super::{Input, MergingParams, PairResult, PairResults};
 use crate::verdicts::CameraVerdicts;
 use anyhow::{Context, Result, bail};
 use merge::acceptance::{AcceptanceParams, Verdict};
@@ -31,8 +31,8 @@ pub(crate) fn named_pair(text: &str, names: &[&str]) -> Result<[usize; 2]> {
 ///
 /// # Errors
 /// When one names no two inputs, there is no closure to join a pair at, or a confirmation cannot be read or kept.
-pub(crate) fn confirm_pairs(
-    pair_results: &mut [PairResult],
+pub(super) fn confirm_pairs(
+    pair_results: &mut PairResults,
     inputs: &[Input],
     confirm: &[String],
     params: &MergingParams,
@@ -43,21 +43,27 @@ pub(crate) fn confirm_pairs(
     if !asked.is_empty() && params.method.baseline().is_some() {
         bail!("--confirm joins maps by --method direct, the default");
     }
+    if asked.is_empty() && verdicts.is_none() {
+        return Ok(());
+    }
     let params = &params.verification.acceptance;
-    for pair_result in pair_results.iter_mut().filter(|pair_result| pair_result.accepted().is_none()) {
+    let mut confirmed = Vec::new();
+    for pair_result in pair_results.iter().filter(|pair_result| pair_result.accepted().is_none()) {
         let pair @ [a, b] = pair_result.as_given();
         if asked.contains(&pair) {
-            *pair_result = pair_result
+            let joined = pair_result
                 .confirmed(params)
                 .with_context(|| format!("--confirm {}+{}: they cannot be joined", names[a], names[b]))?;
             verdicts.map_or(Ok(()), |verdicts| verdicts.confirm(pair))?;
+            confirmed.push(joined);
         } else if let Some(verdicts) = verdicts
             && pair_result.can_be_confirmed(params)
             && verdicts.is_confirmed(pair)?
         {
-            *pair_result = pair_result.confirmed(params)?;
+            confirmed.push(pair_result.confirmed(params)?);
         }
     }
+    confirmed.into_iter().for_each(|pair_result| pair_results.insert(pair_result));
     Ok(())
 }
 

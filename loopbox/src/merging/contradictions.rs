@@ -3,7 +3,7 @@
 //! A verdict is a function of its two maps. How often pairs look alike by chance among many, and that a group may hold no two
 //! places, only all of them can tell, so that is asked once, afterwards, of the numbers that the verdicts keep.
 
-use super::{MergingParams, PairResult};
+use super::{MergingParams, PairResult, PairResults};
 
 /// A pair of inputs as far as others are concerned.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,11 +30,11 @@ enum Why {
 
 /// The merges that cannot stand beside the other verdicts, by their inputs, each with the reason; `names` are those of the inputs.
 pub(super) fn contradicted(
-    pair_results: &[PairResult],
+    pair_results: &PairResults,
     params: &MergingParams,
     names: &[&str],
 ) -> Vec<([usize; 2], String)> {
-    let pairs: Vec<Pair> = pair_results.iter().map(|pair_result| Pair::new(pair_result, params)).collect();
+    let pairs: Vec<Pair> = pair_results.iter().map(|pair_result| Pair::new(&pair_result, params)).collect();
     let limit = params.verification.closure.pair.two_view.max_false_alarms.ln();
     let found =
         taken_back(&pairs, limit).into_iter().map(|(index, why)| (pairs[index].inputs, why.text(names)));

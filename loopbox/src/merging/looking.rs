@@ -3,13 +3,16 @@
 use super::batches::{Groups, Known, Share, Waiting, next};
 use super::incremental::{Seen, grown};
 use super::places::{Appearances, Places, places};
-use super::{Input, MergingParams, PairResult, Seconds};
+use super::{Input, MergingParams, PairResult, PairResults, Seconds};
 use anyhow::{Context, Result};
+use geometry::Swap;
 use map::Map;
 use merge::further::Joined;
 use merge::prepared::PreparedMap;
 use merge::verification::{EvaluatedClosure, Place, meet};
 use place_recog::{Vocabulary, ranked};
+#[cfg(feature = "fleet")]
+use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
@@ -18,11 +21,13 @@ use std::time::Instant;
 const READY: usize = 384 << 20;
 /// Keyframes that are looked for in others' maps in one batch, each of them once for every map: at 15 µs a third of a second.
 const QUERIES: usize = 20_000;
+/// Pairs whose places are found at a time where all are looked at: of maps of 40 keyframes they take some 25 MB.
+const PAIRS: usize = 10_000;
 
 /// What is to be looked at.
 pub(crate) struct Batch<'a> {
     /// What is known of a pair of inputs, the earlier first.
-    pub known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync),
+    pub known: &'a (dyn Fn([usize; 2]) -> Result<Option<Known>> + Sync),
     /// The pairs to look at and how likely each is; every pair, by their words, where nothing is said.
     pub wanted: Option<BTreeMap<[usize; 2], f32>>,
     /// Which inputs hang together by what else is known.
@@ -31,6 +36,8 @@ pub(crate) struct Batch<'a> {
     pub places: BTreeMap<[usize; 2], Places>,
     /// How much is looked at; everything, in the order of the inputs, where nothing is said.
     pub share: Option<Share>,
+    /// Where what pairs made of each other rests; nothing where it stays in memory.
+    pub swap: Option<Arc<dyn Swap>>,
     /// Keeps what two inputs made of each other, as soon as that is found.
     pub keep: &'a (dyn Fn(&PairResult) -> Result<()> + Sync),
     /// Whether something comes first that is more urgent than pairs whose agents have their places.
@@ -41,7 +48,7 @@ pub(crate) struct Batch<'a> {
 #[cfg_attr(not(feature = "fleet"), expect(dead_code, reason = "only a fleet is merged in goes"))]
 pub(crate) struct Looked {
     /// What pairs made of each other, now or before, in the order of the inputs.
-    pub pair_results: Vec<PairResult>,
+    pub pair_results: PairResults,
     /// Pairs that were looked at now.
     now: Vec<[usize; 2]>,
     /// Pairs that are still to be looked at.
@@ -57,20 +64,20 @@ pub(crate) struct Looked {
 #[cfg(feature = "fleet")]
 impl Looked {
     /// What the pairs that were looked at now made of each other.
-    pub fn now(&self) -> impl Iterator<Item = &PairResult> {
-        let now: BTreeSet<[usize; 2]> = self.now.iter().copied().collect();
-        self.pair_results.iter().filter(move |pair_result| now.contains(&pair_result.as_given()))
+    pub fn now(&self) -> impl Iterator<Item = Cow<'_, PairResult>> {
+        self.now.iter().filter_map(|pair| self.pair_results.get(*pair))
     }
 }
 
 impl<'a> Batch<'a> {
     /// All pairs of which nothing is known.
     pub fn whole(
-        known: &'a (dyn Fn([usize; 2]) -> Option<Known> + Sync),
+        known: &'a (dyn Fn([usize; 2]) -> Result<Option<Known>> + Sync),
+        swap: Option<Arc<dyn Swap>>,
         keep: &'a (dyn Fn(&PairResult) -> Result<()> + Sync),
     ) -> Self {
         let (groups, places) = (Groups::new(0), BTreeMap::new());
-        Self { known, wanted: None, groups, places, share: None, keep, is_awaited: &|| false }
+        Self { known, wanted: None, groups, places, share: None, swap, keep, is_awaited: &|| false }
     }
 }
 
@@ -93,11 +100,12 @@ pub(crate) fn look(
         .iter()
         .map(|input| PreparedMap::new(&input.map, &input.features, &params.key_points))
         .collect();
-    let Batch { known, wanted, mut groups, places: mut shared, share, keep, is_awaited } = go;
-    let (mut pair_results, mut may_grow) = (BTreeMap::new(), BTreeSet::new());
+    let Batch { known, wanted, mut groups, places: mut shared, share, swap, keep, is_awaited } = go;
+    let mut pair_results = swap.map_or_else(PairResults::default, PairResults::resting);
+    let mut may_grow = BTreeSet::new();
     let (mut waiting, mut ready) = (Vec::new(), Ready { most: READY, bytes: BTreeMap::new() });
     for pair in pairs(inputs.len()) {
-        let known = known(pair);
+        let known = known(pair)?;
         let is_due = known.as_ref().is_none_or(|known| known.is_due);
         let similarity = wanted.as_ref().map_or(Some(0.0), |wanted| wanted.get(&pair).copied());
         if let Some(similarity) = similarity.filter(|_| is_due) {
@@ -110,12 +118,14 @@ pub(crate) fn look(
             if may {
                 may_grow.insert(pair);
             }
-            pair_results.insert(pair, pair_result);
+            pair_results.insert(pair_result);
         }
     }
     progress("looking for places that the maps share")?;
     let start = Instant::now();
-    find_places(inputs, vocabulary, params, &waiting, share.map(|_| &groups), &mut shared);
+    if share.is_some() {
+        find_places(inputs, vocabulary, params, &waiting, Some(&groups), &mut shared);
+    }
     if wanted.is_none() {
         waiting.iter_mut().for_each(|one| one.similarity = similarity(one.pair, &shared));
     }
@@ -129,6 +139,12 @@ pub(crate) fn look(
         waiting.reverse();
     }
     while !waiting.is_empty() {
+        if let (None, Some(next)) = (share, waiting.last())
+            && key(next.pair, &shared).is_none()
+        {
+            let next = &waiting[waiting.len().saturating_sub(PAIRS)..];
+            find_places(inputs, vocabulary, params, next, None, &mut shared);
+        }
         let one = match share {
             None => waiting.pop(),
             Some(share) if share.is_used_up(now.len(), start) => None,
@@ -143,8 +159,8 @@ pub(crate) fn look(
         let found = key(pair, &shared).and_then(|key| Some((key, shared.remove(&key)?)));
         let (directed, places) = found.unwrap_or((pair, Places::default()));
         let of = |before: &PairResult| [&prepared[before.target], &prepared[before.source]];
-        let before = pair_results.get(&pair).filter(|_| may_grow.contains(&pair));
-        let followed = before.and_then(|before| grown(before, of(before), params));
+        let before = pair_results.get(pair).filter(|_| may_grow.contains(&pair));
+        let followed = before.and_then(|before| grown(&before, of(&before), params));
         let pair_result = followed.unwrap_or_else(|| {
             let mut pair_result = pair_result(directed, places, inputs, &prepared, params);
             let accepted = pair_result.accepted().filter(|_| share.is_some());
@@ -154,21 +170,18 @@ pub(crate) fn look(
         keep(&pair_result)?;
         ready.keep(pair, &mut prepared);
         pair.iter().for_each(|&map| inputs[map].map.rest());
-        let is_joined = pair_result.joined.is_some();
-        let before = pair_results.insert(pair, pair_result);
         if share.is_some() {
-            has_changed |= before.is_some_and(|before| before.joined.is_some() && !is_joined);
+            let is_joined = pair_result.joined.is_some();
+            let was_joined = pair_results.get(pair).is_some_and(|before| before.joined.is_some());
+            has_changed |= was_joined && !is_joined;
             has_changed |= is_joined && groups.join(pair);
         }
+        pair_results.insert(pair_result);
         now.push(pair);
     }
     left.extend(waiting);
     let may_join = share.is_some() && left.iter().any(|one| !one.is_again && !groups.are_one(one.pair));
     let left = left.into_iter().map(|one| one.pair).collect();
-    // In the order of all pairs: the later of the two, then the earlier.
-    let mut pair_results: Vec<([usize; 2], PairResult)> = pair_results.into_iter().collect();
-    pair_results.sort_by_key(|([earlier, later], _)| [*later, *earlier]);
-    let pair_results = pair_results.into_iter().map(|(_, pair_result)| pair_result).collect();
     Ok(Looked { pair_results, now, left, may_join, has_changed, places: shared })
 }
 

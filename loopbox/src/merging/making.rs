@@ -1,11 +1,12 @@
 //! The common map of what pairs of maps made of each other.
 
 use super::contradictions::contradicted;
-use super::{Input, Merging, MergingParams, PairResult};
+use super::{Input, Merging, MergingParams, PairResults};
 use anyhow::{Context, Result};
 use map::{AgentId, KeyframeId};
 use merge::common_map::{CommonMap, FusionParams, Link, TakenBack};
 use merge::estimate::Estimate;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Makes the common map of what pairs of inputs made of each other. Where not all keyframes are `optimise`d it is made
@@ -16,7 +17,7 @@ use std::time::Instant;
 /// When the inputs cannot be in one map (two are of one run, say), or the closures make no common map.
 pub(crate) fn common_map(
     inputs: &[Input],
-    pair_results: Vec<PairResult>,
+    pair_results: Arc<PairResults>,
     params: &MergingParams,
     optimise: bool,
     undone: &[([usize; 2], String)],
@@ -26,14 +27,14 @@ pub(crate) fn common_map(
     let names: Vec<&str> = inputs.iter().map(|input| &*input.name).collect();
     let undone = [undone.to_vec(), contradicted(&pair_results, params, &names)].concat();
     let mut before = Vec::new();
-    for pair_result in &pair_results {
-        let PairResult { target, source, .. } = *pair_result;
-        if let Some((_, why)) = undone.iter().find(|(pair, _)| *pair == pair_result.as_given()) {
+    for ([target, source], joined) in pair_results.links() {
+        let as_given = [target.min(source), target.max(source)];
+        if let Some((_, why)) = undone.iter().find(|(pair, _)| *pair == as_given) {
             let agents = addresses[target].agents().next().zip(addresses[source].agents().next());
             before.extend(agents.map(|agents| TakenBack { agents, why: why.clone() }));
             continue;
         }
-        for edge in pair_result.joined.iter().flat_map(|joined| &joined.edges) {
+        for edge in joined.iter().flat_map(|joined| &joined.edges) {
             let address = |input: usize, id: KeyframeId| {
                 let agent: AgentId = inputs[input].map.keyframes.get(&id)?.agent;
                 addresses[input].of(agent, id)

@@ -10,7 +10,7 @@ use super::input::describe;
 use super::manifest::{Given, ManifestMap, agent_digests, arrangements, begin};
 use super::options::MergeWatcher;
 use super::output::write_maps;
-use super::{Input, Manifest, MergingParams, Names, merge_knowing, name_of};
+use super::{Input, KnownBefore, Manifest, MergingParams, Names, merge_knowing, name_of};
 use crate::lidar::merging as lidar;
 use crate::open::open_map;
 use crate::results::Results;
@@ -326,7 +326,8 @@ impl<'a> Agents<'a> {
         }
         let kept = |place| CameraVerdicts::at(place, self.digests(&agents), params);
         let verdicts = self.verdicts.map(kept).transpose()?;
-        let merging = merge_knowing(&inputs, &vocabulary, params, (&[], verdicts.as_ref()), stage)?;
+        let known = KnownBefore { verdicts: verdicts.as_ref(), ..KnownBefore::default() };
+        let merging = merge_knowing(&inputs, &vocabulary, params, known, stage)?;
         // There every input is one agent, whose keyframes are called as they are here.
         let owners: Vec<Option<AgentId>> = merging.addresses.iter().map(|of| of.agents().next()).collect();
         let here = |address: Address| {
@@ -344,7 +345,7 @@ impl<'a> Agents<'a> {
                 format!("{} closures join them", met.joined.as_ref().map_or(0, |joined| joined.edges.len()))
             }),
         };
-        Ok((links.collect(), merging.pair_results.iter().map(pair_result).collect()))
+        Ok((links.collect(), merging.pair_results.iter().map(|met| pair_result(&met)).collect()))
     }
 }
 

@@ -14,6 +14,7 @@ mod mixed;
 mod names;
 mod options;
 mod output;
+mod pair_results;
 mod places;
 mod record;
 mod report;
@@ -21,7 +22,7 @@ mod rig;
 mod verdict;
 
 pub use crate::results::keep_from;
-pub(crate) use confirming::{confirm_pairs, named_pair};
+pub(crate) use confirming::named_pair;
 #[cfg(all(test, feature = "fleet"))]
 pub(crate) use incremental::Seen;
 pub(crate) use input::name_of;
@@ -36,12 +37,13 @@ pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_wat
 pub(crate) use options::{load, load_appearances, refuse_one};
 pub(crate) use output::{GroupMap, write_groups};
 pub use output::{map_file, write_maps, write_results};
+pub use pair_results::PairResults;
 pub(crate) use places::Appearances;
 pub use record::MergeRecord;
 pub(crate) use record::PairRecord;
 pub use rig::{RigInput, RigMerged, RigRecord, merge_rig};
 pub(crate) use verdict::of_pair_alone as verdict_of;
-pub use verdict::{isolated_agents, verdict};
+pub use verdict::{isolated_agents, verdicts};
 #[cfg(feature = "fleet")]
 pub(crate) use {
     batches::{Groups, Known, Share},
@@ -53,6 +55,7 @@ pub(crate) use {
 
 use crate::verdicts::CameraVerdicts;
 use anyhow::Result;
+use geometry::Swap;
 use merge::acceptance::Decision;
 use merge::common_map::{Addresses, CommonMap, Fused, FusionParams, TakenBack};
 use merge::further::{FurtherParams, Joined};
@@ -63,7 +66,6 @@ use merge::place_verdict::Answer;
 use merge::verification::{EvaluatedClosure, Outcome, TestedPlace, VerificationParams};
 use place_recog::{ProposeParams, RankParams, Vocabulary};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 /// How maps are merged: all parameters of all steps.
@@ -151,7 +153,7 @@ pub struct Seconds {
 /// A merging with all that led to it.
 pub struct Merging {
     /// Every pair of inputs that was looked at, in their order: of a [`merge`](fn@merge) all.
-    pub pair_results: Vec<PairResult>,
+    pub pair_results: Arc<PairResults>,
     /// Where the inputs' keyframes are in the common map.
     pub addresses: Vec<Addresses>,
     /// The agents' own maps and the closures between them.
@@ -279,10 +281,21 @@ pub fn merge(
     params: &MergingParams,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
-    merge_knowing(inputs, vocabulary, params, (&[], None), progress)
+    merge_knowing(inputs, vocabulary, params, KnownBefore::default(), progress)
 }
 
-/// [`merge`](fn@merge), where a person says of some pairs, `A+B`, that they show one place, and `verdicts` keep what pairs made of each other.
+/// What a merge begins with besides the maps.
+#[derive(Clone, Default)]
+pub(crate) struct KnownBefore<'a> {
+    /// Pairs of inputs, `A+B`, of which a person says that both show one place.
+    pub confirm: &'a [String],
+    /// Where what pairs made of each other is kept for other merges.
+    pub verdicts: Option<&'a CameraVerdicts<'a>>,
+    /// Where that rests until the results are written; nothing where it stays in memory.
+    pub swap: Option<Arc<dyn Swap>>,
+}
+
+/// [`merge`](fn@merge), of which something is known.
 ///
 /// # Errors
 /// As [`merge`](fn@merge), and when a verdict cannot be read or kept, or a pair cannot be joined that is confirmed.
@@ -290,40 +303,35 @@ pub(crate) fn merge_knowing(
     inputs: &[Input],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
-    (confirm, verdicts): (&[String], Option<&CameraVerdicts>),
+    known: KnownBefore,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Merging> {
-    let mut pair_results = pair_results(inputs, vocabulary, params, verdicts, progress)?;
-    confirming::confirm_pairs(&mut pair_results, inputs, confirm, params, verdicts)?;
+    let pair_results = pair_results(inputs, vocabulary, params, known, progress)?;
     progress("making the common map")?;
-    making::common_map(inputs, pair_results, params, params.fusion.optimise, &[])
+    making::common_map(inputs, pair_results.into(), params, params.fusion.optimise, &[])
 }
 
 /// What every two of the inputs make of each other, in their order.
 ///
 /// # Errors
-/// When the inputs cannot be in one map (two are of one run, say), `progress` will not go on, or a verdict cannot be read or
-/// kept.
+/// When the inputs cannot be in one map (two are of one run, say), `progress` will not go on, a verdict cannot be read or
+/// kept, or a pair cannot be joined that is confirmed.
 pub(crate) fn pair_results(
     inputs: &[Input],
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
-    verdicts: Option<&CameraVerdicts>,
+    KnownBefore { confirm, verdicts, swap }: KnownBefore,
     progress: &mut dyn FnMut(&str) -> Result<()>,
-) -> Result<Vec<PairResult>> {
-    let mut found = BTreeMap::new();
-    if let Some(verdicts) = verdicts {
-        for pair in looking::pairs(inputs.len()) {
-            found.extend(verdicts.get(pair)?.map(|pair_result| (pair, pair_result)));
-        }
-    }
+) -> Result<PairResults> {
     let known = |pair: [usize; 2]| {
-        let pair_result = found.get(&pair)?.clone();
-        Some(batches::Known { pair_result, is_due: false, may_grow: false })
+        let found = verdicts.map_or(Ok(None), |verdicts| verdicts.get(pair))?;
+        Ok(found.map(|pair_result| batches::Known { pair_result, is_due: false, may_grow: false }))
     };
     let keep = |pair_result: &PairResult| verdicts.map_or(Ok(()), |verdicts| verdicts.put(pair_result));
-    let go = looking::Batch::whole(&known, &keep);
-    Ok(looking::look(inputs, vocabulary, params, go, progress)?.pair_results)
+    let go = looking::Batch::whole(&known, swap, &keep);
+    let mut pair_results = looking::look(inputs, vocabulary, params, go, progress)?.pair_results;
+    confirming::confirm_pairs(&mut pair_results, inputs, confirm, params, verdicts)?;
+    Ok(pair_results)
 }
 
 /// How much every two of the maps look alike by their likeliest place, and how many places they may share; those that share

@@ -4,8 +4,8 @@ use super::joint::optimised;
 use super::manifest::{ManifestMap, arrangements, begin};
 use super::places::Appearances;
 use super::{
-    Input, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, listed, merge_knowing,
-    verdict, write_results,
+    Input, KnownBefore, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, listed,
+    merge_knowing, verdicts, write_results,
 };
 use crate::swapping::SwapFiles;
 use crate::verdicts::{CameraVerdicts, MapDigest};
@@ -79,7 +79,12 @@ impl Merged {
 
     /// For each pair what was decided and by what evidence, for people.
     pub fn verdict(&self) -> String {
-        verdict(&self.inputs, &self.merging)
+        self.verdicts().collect()
+    }
+
+    /// The same, a pair at a time.
+    pub fn verdicts(&self) -> impl Iterator<Item = String> {
+        verdicts(&self.inputs, &self.merging)
     }
 }
 
@@ -121,14 +126,14 @@ pub fn merge_maps_watched(
         go_on()
     };
     let vocabulary = Vocabulary::shipped();
-    let swap = SwapFiles::new(options.out.clone());
+    let swap = Arc::new(SwapFiles::new(options.out.clone()));
     let inputs = load(&given.maps, &vocabulary, &swap, watcher, &mut stage)?;
     let params = &options.params;
     let digests = given.digests(&inputs.iter().map(|input| &input.path).collect::<Vec<_>>())?;
     let place = given.verdicts_at(options.verdicts.as_deref(), (!options.map).then_some(&*options.out));
     let verdicts =
         place.as_deref().map(|place| CameraVerdicts::at(place, digests.clone(), params)).transpose()?;
-    let known = (&*options.confirm, verdicts.as_ref());
+    let known = KnownBefore { confirm: &options.confirm, verdicts: verdicts.as_ref(), swap: Some(swap) };
     let mut merging = merge_knowing(&inputs, &vocabulary, params, known, &mut stage)?;
     let (names, provenance) = (Names::new(&merging.common), merging.provenance(&inputs, params));
     if params.joint && merging.any_joined() {

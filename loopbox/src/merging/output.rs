@@ -5,7 +5,8 @@ use crate::results::Results;
 use anyhow::{Context, Result};
 use map::{CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map};
 use merge::common_map::Fused;
-use std::fs;
+use std::fs::File;
+use std::io::{BufWriter, Write};
 use std::path::PathBuf;
 
 const REPORT: &str = "report.html";
@@ -61,8 +62,10 @@ pub fn write_results(
     report.with_context(|| format!("{}: cannot be written", page.display()))?;
     let path = output.file(NUMBERS)?;
     record.files = output.names();
-    let text = serde_json::to_vec_pretty(record).context("the numbers cannot be written as JSON")?;
-    fs::write(&path, text).with_context(|| format!("{}: cannot be written", path.display()))
+    let context = || format!("{}: cannot be written", path.display());
+    let mut file = BufWriter::new(File::create(&path).with_context(context)?);
+    serde_json::to_writer_pretty(&mut file, record).with_context(context)?;
+    file.flush().with_context(context)
 }
 
 /// Writes the map, the cloud and the trajectories of each group of agents.

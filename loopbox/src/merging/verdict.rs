@@ -9,11 +9,8 @@ use merge::verification::EvaluatedClosure;
 use std::fmt::Write;
 
 /// The verdict on every pair of maps, a few lines each.
-pub fn verdict(inputs: &[Input], merging: &Merging) -> String {
-    merging
-        .pair_results
-        .iter()
-        .fold(String::new(), |text, pair_result| text + &of_pair(inputs, Some(merging), pair_result))
+pub fn verdicts<'a>(inputs: &'a [Input], merging: &'a Merging) -> impl Iterator<Item = String> + 'a {
+    merging.pair_results.iter().map(|pair_result| of_pair(inputs, Some(merging), &pair_result))
 }
 
 /// The agents that hang together with nobody, where others do.
@@ -28,7 +25,8 @@ pub fn isolated_agents(merging: &Merging, names: &Names) -> Vec<String> {
 /// Why two inputs are not merged, be it that the merge was taken back; nothing where they are.
 #[cfg(feature = "fleet")]
 pub(crate) fn refusal_of(merging: &Merging, pair_result: &PairResult) -> Option<String> {
-    pair_result.refusal().or_else(|| merging.undone(pair_result).map(|why| format!("taken back: {why}")))
+    let undone = || merging.undone([pair_result.target, pair_result.source]);
+    pair_result.refusal().or_else(|| undone().map(|why| format!("taken back: {why}")))
 }
 
 /// The verdict on a pair of maps, a few lines, whatever others there are.
@@ -64,7 +62,8 @@ fn accepted(
         Travel::Opposite => "travelling opposite ways",
         Travel::Unknown => "direction of travel unknown",
     };
-    if let Some(reason) = merging.and_then(|merging| merging.undone(pair_result)) {
+    if let Some(reason) = merging.and_then(|merging| merging.undone([pair_result.target, pair_result.source]))
+    {
         let _ = writeln!(text, "accepted, {travel}, and taken back: {reason}");
         return;
     }
@@ -164,29 +163,22 @@ impl Merging {
             ("maps".to_owned(), maps.join("\n")),
             ("parameters".to_owned(), parameters),
         ];
-        for pair_result in &self.pair_results {
-            let names = pair_result.as_given().map(|index| &*inputs[index].name);
-            if let Some(joined) = &pair_result.joined {
-                let closures = format!("{} closures", joined.edges.len());
-                pairs.push((format!("{} + {}", names[0], names[1]), closures));
-            }
+        for ([target, source], joined) in self.pair_results.joined() {
+            let names = [target.min(source), target.max(source)].map(|index| &*inputs[index].name);
+            let closures = format!("{} closures", joined.edges.len());
+            pairs.push((format!("{} + {}", names[0], names[1]), closures));
         }
         pairs
     }
 
     /// Whether any two of the inputs were merged, and the merge stands.
     pub fn any_joined(&self) -> bool {
-        self.pair_results.iter().any(|pair_result| self.stands(pair_result))
-    }
-
-    /// Whether two of the inputs were merged, and the merge stands.
-    pub(crate) fn stands(&self, pair_result: &PairResult) -> bool {
-        pair_result.joined.is_some() && self.undone(pair_result).is_none()
+        self.pair_results.joined().any(|(pair, _)| self.undone(pair).is_none())
     }
 
     /// Why the common map took back the merge of two inputs; nothing where it stands, or there was none.
-    pub(crate) fn undone(&self, pair_result: &PairResult) -> Option<&str> {
-        let [a, b] = [pair_result.target, pair_result.source].map(|input| &self.addresses[input]);
+    pub(crate) fn undone(&self, pair: [usize; 2]) -> Option<&str> {
+        let [a, b] = pair.map(|input| &self.addresses[input]);
         let between = |(one, other): (AgentId, AgentId)| {
             let of = |agent: AgentId, addresses: &Addresses| addresses.agents().any(|own| own == agent);
             of(one, a) && of(other, b) || of(one, b) && of(other, a)

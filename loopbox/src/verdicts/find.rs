@@ -3,7 +3,7 @@
 use super::{CameraVerdicts, LidarVerdicts};
 use crate::blobs;
 use crate::lidar::{self, merging::LidarMergeParams};
-use crate::merging::{self, MergeWatcher, MergingParams, proposed};
+use crate::merging::{self, KnownBefore, MergeWatcher, MergingParams, proposed};
 use crate::open::{Sensors, sensors_at};
 use crate::swapping::SwapFiles;
 use anyhow::{Result, anyhow, bail};
@@ -70,12 +70,12 @@ fn of_cameras(
     let swap = SwapFiles::new(std::env::temp_dir());
     let inputs = merging::load(paths, &vocabulary, &swap, watcher, &mut |text| go_on(text, stop, watcher))?;
     let verdicts = CameraVerdicts::of(options.verdicts.as_deref(), &inputs, params)?;
-    let (verdicts, mut stage) = (verdicts.as_ref(), |text: &str| go_on(text, stop, watcher));
-    let mut pair_results = merging::pair_results(&inputs, &vocabulary, params, verdicts, &mut stage)?;
-    merging::confirm_pairs(&mut pair_results, &inputs, &options.confirm, params, verdicts)?;
-    let text = pair_results.iter().map(|pair_result| merging::verdict_of(&inputs, pair_result)).collect();
-    let records: Vec<_> = pair_results.iter().map(|e| merging::PairRecord::new(e, &inputs)).collect();
-    let joins = pair_results.iter().any(|pair_result| pair_result.joined.is_some());
+    let known = KnownBefore { confirm: &options.confirm, verdicts: verdicts.as_ref(), swap: None };
+    let mut stage = |text: &str| go_on(text, stop, watcher);
+    let pair_results = merging::pair_results(&inputs, &vocabulary, params, known, &mut stage)?;
+    let text = pair_results.iter().map(|pair_result| merging::verdict_of(&inputs, &pair_result)).collect();
+    let records: Vec<_> = pair_results.iter().map(|e| merging::PairRecord::new(&e, &inputs)).collect();
+    let joins = pair_results.joined().next().is_some();
     Ok(VerdictReport { joins, text, pair_results: serde_json::to_value(records)? })
 }
 

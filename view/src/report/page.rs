@@ -6,7 +6,10 @@ use anyhow::Context;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use serde::Serialize;
+use serde_json::ser::{Formatter, Serializer};
 use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 /// What is around every page's body.
@@ -62,7 +65,16 @@ impl Template {
     /// # Errors
     /// When the data cannot be written as JSON, or the scripts do not fit each other.
     pub fn filled(&self, title: &str, data: &impl Serialize) -> anyhow::Result<String> {
-        let json = serde_json::to_string(data).context("the report's data cannot be written as JSON")?;
+        let mut page = Vec::new();
+        self.write(title, data, &mut page)?;
+        String::from_utf8(page).context("the page is no text")
+    }
+
+    /// Writes the whole page to `page`, the data bit by bit: there may be more of them than there is memory for.
+    ///
+    /// # Errors
+    /// As [`filled`](Self::filled), and when `page` cannot be written.
+    pub fn write(&self, title: &str, data: &impl Serialize, page: &mut dyn Write) -> anyhow::Result<()> {
         let title = html_escaped(title);
         let of_scene: &[Script] = if self.scene { &SCENE_SCRIPTS } else { &[] };
         let scripts = link(SCRIPTS.iter().chain(of_scene).chain(self.scripts))?;
@@ -74,10 +86,13 @@ impl Template {
             ("policy", &*policy(&style, &script, self.policy)),
             ("style", &style),
             ("body", &fill(self.body, &[("title", &title), ("viewer", VIEWER)])),
-            ("data", &script_safe(&json)),
             ("script", &script),
         ];
-        Ok(fill(SHELL, &values))
+        let (before, after) = SHELL.split_once("{{data}}").unwrap_or((SHELL, ""));
+        page.write_all(fill(before, &values).as_bytes())?;
+        data.serialize(&mut Serializer::with_formatter(&mut *page, ScriptSafe))
+            .context("the report's data cannot be written as JSON")?;
+        Ok(page.write_all(fill(after, &values).as_bytes())?)
     }
 }
 
@@ -107,12 +122,23 @@ pub fn policy_of(page: &str) -> Option<&str> {
 /// # Errors
 /// When the file cannot be written.
 pub fn save(path: &Path, html: &str) -> anyhow::Result<()> {
-    std::fs::write(path, html).with_context(|| {
+    write(path, |page| Ok(page.write_all(html.as_bytes())?))
+}
+
+/// Has a page written to `path`, replacing what was there.
+///
+/// # Errors
+/// When the file cannot be written, or `fill` fails.
+pub fn write(path: &Path, fill: impl FnOnce(&mut dyn Write) -> anyhow::Result<()>) -> anyhow::Result<()> {
+    let hint = || {
         format!(
             "cannot write the report to {}: check that the folder exists and the disk has room",
             path.display()
         )
-    })
+    };
+    let mut page = BufWriter::new(File::create(path).with_context(hint)?);
+    fill(&mut page).with_context(hint)?;
+    page.flush().with_context(hint)
 }
 
 /// Puts values into the `{{name}}` marks of a template; values are not searched for marks again.
@@ -147,6 +173,15 @@ pub fn html_escaped(text: &str) -> String {
 
 /// JSON made harmless inside a `<script>` element: these characters occur only within its strings,
 /// where `\u` escapes mean the same.
+struct ScriptSafe;
+
+impl Formatter for ScriptSafe {
+    fn write_string_fragment<W: Write + ?Sized>(&mut self, writer: &mut W, fragment: &str) -> io::Result<()> {
+        writer.write_all(script_safe(fragment).as_bytes())
+    }
+}
+
+/// The same of what is within a string.
 fn script_safe(json: &str) -> String {
     let mut out = String::with_capacity(json.len());
     for part in json.split_inclusive(['<', '>', '&']) {

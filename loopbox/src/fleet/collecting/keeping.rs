@@ -3,7 +3,7 @@
 
 use crate::fleet::agents::Inputs;
 use crate::fleet::remembering::Memory;
-use crate::merging::{Input, MergingParams, PairResult, pairs};
+use crate::merging::{Input, MergingParams, PairResult, PairResults, pairs};
 use crate::store::Sharing;
 use crate::verdicts::{CameraVerdicts, MapDigest, VerdictKey};
 use anyhow::Result;
@@ -97,12 +97,12 @@ impl Keeper<'_> {
     }
 
     /// Keeps what pairs made of each other, as far as they were looked at as they are.
-    pub fn keep(&self, memory: &Memory, pair_results: &[PairResult]) {
+    pub fn keep(&self, memory: &Memory, pair_results: &PairResults) {
         let kept = || -> Result<()> {
             let verdicts = self.verdicts()?;
             let is_kept = |pair: [usize; 2]| self.are_written(pair) && self.is_known(memory, pair);
             let mut of_maps = pair_results.iter().filter(|one| is_kept(one.as_given()));
-            of_maps.try_for_each(|pair_result| verdicts.put(pair_result))
+            of_maps.try_for_each(|pair_result| verdicts.put(&pair_result))
         };
         if let Err(error) = kept() {
             (self.warn)(&format!("verdicts are not kept: {error:#}"));

@@ -6,7 +6,7 @@ use crate::fleet::prefetch::MergedPair;
 use crate::fleet::remembering::Content;
 use crate::fleet::remembering::Memory;
 use crate::merging::{
-    Batch, Groups, Input, Looked, Merging, MergingParams, PairResult, Places, Share, common_map, look,
+    Batch, Groups, Input, Looked, Merging, MergingParams, PairResults, Places, Share, common_map, look,
 };
 use crate::run::lower_priority;
 use anyhow::{Context, Result, anyhow};
@@ -85,7 +85,7 @@ impl Merger {
     ) -> Result<Looked> {
         let Looking { wanted, places, share, exactly, is_awaited } = looking;
         let go_on = || if stop.requested() { Err(anyhow!("interrupted")) } else { Ok(()) };
-        let known = |pair: [usize; 2]| memory.recall(&maps.contents, pair, exactly);
+        let known = |pair: [usize; 2]| Ok(memory.recall(&maps.contents, pair, exactly));
         let agents: Vec<Identity> = maps.contents.iter().map(|content| content.agent).collect();
         let mut groups = Groups::new(agents.len());
         components.firsts(&agents).into_iter().enumerate().for_each(|(number, first)| {
@@ -97,6 +97,7 @@ impl Merger {
             groups,
             places,
             share: Some(share),
+            swap: None,
             keep: &|_| Ok(()),
             is_awaited,
         };
@@ -108,10 +109,10 @@ impl Merger {
     pub fn placed(
         &self,
         maps: &Inputs<Input>,
-        pair_results: Vec<PairResult>,
+        pair_results: PairResults,
         undone: &[([usize; 2], String)],
     ) -> Result<Merging> {
-        self.on_pool(|| common_map(&maps.inputs, pair_results, &self.params, false, undone))
+        self.on_pool(|| common_map(&maps.inputs, pair_results.into(), &self.params, false, undone))
     }
 }
 
@@ -128,11 +129,12 @@ pub(super) fn on_threads(count: usize, low_priority: bool) -> Result<rayon::Thre
 
 /// The pairs that met, and whose merge stands.
 pub(super) fn merged_pairs<'a>(merging: &'a Merging, contents: &[Content]) -> Vec<MergedPair<'a>> {
-    let standing = merging.pair_results.iter().filter(|pair_result| merging.stands(pair_result));
-    let met = standing.filter_map(|pair_result| {
-        let agents = [pair_result.target, pair_result.source].map(|map| contents[map].agent);
+    let standing = merging.pair_results.joined().filter(|(pair, _)| merging.undone(*pair).is_none());
+    let met = standing.filter_map(|([target, source], joined)| {
+        let pair_result = merging.pair_results.get([target, source])?;
         let motion = pair_result.accepted()?.closure.motion.a_from_b;
-        Some(MergedPair { agents, motion, edges: &pair_result.joined.as_ref()?.edges })
+        let agents = [target, source].map(|map| contents[map].agent);
+        Some(MergedPair { agents, motion, edges: &joined.edges })
     });
     met.collect()
 }

@@ -5,7 +5,7 @@ use crate::fleet::agents::Inputs;
 use crate::fleet::merge_results::found;
 use crate::fleet::remembering::Content;
 use crate::merging::{
-    Input, MergeRecord, Merging, MergingParams, Names, PairResult, common_map, write_results,
+    Input, MergeRecord, Merging, MergingParams, Names, PairResults, common_map, write_results,
 };
 use crate::results::Results;
 use anyhow::Result;
@@ -13,6 +13,7 @@ use fleet::merge_results::MergeResults;
 use map::Identity;
 use merge::common_map::Fused;
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// What is to be settled.
@@ -24,7 +25,7 @@ pub(super) struct Job {
     /// The pairs of which more is to be looked at.
     pub open: BTreeSet<[usize; 2]>,
     /// What they made of each other.
-    pub pair_results: Vec<PairResult>,
+    pub pair_results: Arc<PairResults>,
     /// How they are merged.
     pub params: MergingParams,
     /// Where the common map is written.
@@ -84,10 +85,9 @@ fn write(job: &mut Job, merging: &Merging) -> Result<()> {
 
 /// The merges that were taken back, by whose maps they were of, and why.
 fn undone_by(merging: &Merging, contents: &[Content]) -> Vec<([Identity; 2], String)> {
-    let joined = merging.pair_results.iter().filter(|pair_result| pair_result.joined.is_some());
-    let undone = joined.filter_map(|pair_result| {
-        let why = merging.undone(pair_result)?.to_owned();
-        Some((pair_result.as_given().map(|map| contents[map].agent), why))
+    let undone = merging.pair_results.joined().filter_map(|([target, source], _)| {
+        let why = merging.undone([target, source])?.to_owned();
+        Some(([target.min(source), target.max(source)].map(|map| contents[map].agent), why))
     });
     undone.collect()
 }

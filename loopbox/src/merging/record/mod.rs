@@ -5,7 +5,7 @@ mod closure;
 mod pair_result;
 
 pub use agents::{AgentRecord, GroupRecord};
-pub use pair_result::PairRecord;
+pub use pair_result::{PairRecord, PairRecords};
 
 use super::names::Names;
 use super::output::map_file;
@@ -23,7 +23,7 @@ pub struct MergeRecord {
     pub inputs: Vec<InputRecord>,
     /// Every two of them.
     #[serde(rename = "encounters")]
-    pub pair_results: Vec<PairRecord>,
+    pub pair_results: PairRecords,
     /// Every agent of all maps, and where it is.
     pub agents: Vec<AgentRecord>,
     /// The agents that hang together, a map for each group; the first is `map.mcap`.
@@ -95,7 +95,7 @@ impl MergeRecord {
                 .zip(&merging.addresses)
                 .map(|(i, a)| InputRecord::new(i, a, names))
                 .collect(),
-            pair_results: merging.pair_results.iter().map(|e| PairRecord::new(e, inputs)).collect(),
+            pair_results: PairRecords::new(inputs, merging),
             agents: agents::all(merging, names)?,
             groups: groups(merging, names),
             cost: Cost::new(inputs, merging),
@@ -128,7 +128,7 @@ impl InputRecord {
 
 impl Cost {
     fn new(inputs: &[Input], merging: &Merging) -> Self {
-        let pairs_s = merging.pair_results.iter().map(|pair_result| pair_result.seconds.total()).sum();
+        let pairs_s = merging.pair_results.seconds();
         Self {
             reading_s: inputs.iter().map(|input| input.seconds.reading).sum(),
             features_s: inputs.iter().map(|input| input.seconds.features).sum(),

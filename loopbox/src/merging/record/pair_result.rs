@@ -1,12 +1,14 @@
 //! What two maps made of each other.
 
 use super::closure::ClosureRecord;
-use crate::merging::{Input, PairResult, Seconds, outcome_name, refusal};
+use crate::merging::{Input, Merging, PairResult, PairResults, Seconds, outcome_name, refusal};
 use map::{KeyframeId, Map};
 use merge::acceptance::{Line, PlaceEvidence};
 use merge::place_verdict::{Answer, Piece};
 use merge::verification::TestedPlace;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
+use std::fmt;
+use std::sync::Arc;
 
 /// Pieces of surface that are listed.
 const MOST_PIECES: usize = 20;
@@ -73,15 +75,50 @@ pub struct PlaceRecord {
     pub lines: Vec<Line>,
 }
 
+/// What every two of the maps given made of each other, in the order of all pairs: a list of [`PairRecord`]s, of which each is made when
+/// it is written.
+#[derive(Clone)]
+pub struct PairRecords {
+    /// The inputs' names and maps.
+    inputs: Vec<(String, Arc<Map>)>,
+    pair_results: Arc<PairResults>,
+}
+
+impl PairRecords {
+    pub(crate) fn new(inputs: &[Input], merging: &Merging) -> Self {
+        let inputs = inputs.iter().map(|input| (input.name.clone(), Arc::clone(&input.map)));
+        Self { inputs: inputs.collect(), pair_results: Arc::clone(&merging.pair_results) }
+    }
+}
+
+impl Serialize for PairRecords {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let named = |input: usize| (&*self.inputs[input].0, &*self.inputs[input].1);
+        serializer.collect_seq(self.pair_results.iter().map(|pair| PairRecord::of(&pair, named)))
+    }
+}
+
+impl fmt::Debug for PairRecords {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("PairRecords").field("pairs", &self.pair_results.len()).finish_non_exhaustive()
+    }
+}
+
 impl PairRecord {
     pub(crate) fn new(pair_result: &PairResult, inputs: &[Input]) -> Self {
-        let maps = [pair_result.target, pair_result.source].map(|index| &*inputs[index].map);
+        Self::of(pair_result, |input| (&*inputs[input].name, &*inputs[input].map))
+    }
+
+    /// That of inputs which are called so and have these maps.
+    fn of<'a>(pair_result: &PairResult, input: impl Fn(usize) -> (&'a str, &'a Map)) -> Self {
+        let [target, source] = [pair_result.target, pair_result.source].map(input);
+        let maps = [target.1, source.1];
         let joined = pair_result.joined.as_ref();
         let closest = || pair_result.closest().and_then(|tested| tested.outcome.evaluated());
         let closure = pair_result.accepted().or_else(closest).map(ClosureRecord::new);
         Self {
-            target: inputs[pair_result.target].name.clone(),
-            source: inputs[pair_result.source].name.clone(),
+            target: target.0.to_owned(),
+            source: source.0.to_owned(),
             verdict: pair_result.verdict(),
             answer: pair_result.answer(),
             confirmed: pair_result.is_confirmed(),

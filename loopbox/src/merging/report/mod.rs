@@ -18,7 +18,9 @@ use matches::Pictures;
 use pair_results::PairReport;
 use paths::Paths;
 use place::Places;
-use serde::Serialize;
+use serde::ser::{Error, Serialize, SerializeSeq, Serializer};
+use std::cell::RefCell;
+use std::io::Write;
 use std::path::Path;
 use view::report::cloud::Cloud;
 use view::report::page::{self, Template};
@@ -50,18 +52,19 @@ const TEMPLATE: Template = Template {
 /// # Errors
 /// When nothing was merged at all, a key image cannot be encoded or the file cannot be written.
 pub fn write(path: &Path, inputs: &[Input], merging: &Merging) -> anyhow::Result<()> {
-    page::save(path, &render(inputs, merging)?)
+    page::write(path, |page| render(inputs, merging, page))
 }
 
-/// The whole page as text.
-fn render(inputs: &[Input], merging: &Merging) -> anyhow::Result<String> {
+/// Writes the whole page to `page`.
+fn render(inputs: &[Input], merging: &Merging, page: &mut dyn Write) -> anyhow::Result<()> {
     let names: Vec<&str> = inputs.iter().map(|input| &*input.name).collect();
-    TEMPLATE.filled(&names.join(" + "), &Data::new(inputs, merging)?)
+    let pictures = RefCell::default();
+    TEMPLATE.write(&names.join(" + "), &Data::new(inputs, merging, &pictures)?, page)
 }
 
 /// The page's data, as its scripts read it.
-#[derive(Serialize)]
-struct Data {
+#[derive(serde::Serialize)]
+struct Data<'a> {
     /// The inputs' names.
     inputs: Vec<String>,
     scene: Scene,
@@ -71,30 +74,46 @@ struct Data {
     /// The groups of agents that are not shown.
     others: Vec<Group>,
     #[serde(rename = "meetings")]
-    pair_reports: Vec<PairReport>,
-    pictures: Pictures,
+    pair_reports: PairReports<'a>,
+    /// Those of the pairs, which stand before them.
+    pictures: &'a RefCell<Pictures>,
     /// Seconds that making the common map took.
     fusion_seconds: f64,
 }
 
-impl Data {
-    fn new(inputs: &[Input], merging: &Merging) -> anyhow::Result<Self> {
+/// Every two of the maps, each made when it is written: of many there is no room for all.
+struct PairReports<'a> {
+    inputs: &'a [Input],
+    merging: &'a Merging,
+    places: Places<'a>,
+    pictures: &'a RefCell<Pictures>,
+}
+
+impl Serialize for PairReports<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut list = serializer.serialize_seq(Some(self.merging.pair_results.len()))?;
+        for pair_result in self.merging.pair_results.iter() {
+            let mut pictures = self.pictures.borrow_mut();
+            let report = PairReport::new(self.inputs, &pair_result, &self.places, &mut pictures);
+            pair_result.as_given().iter().for_each(|&input| self.inputs[input].features.rest());
+            list.serialize_element(&report.map_err(S::Error::custom)?)?;
+        }
+        list.end()
+    }
+}
+
+impl<'a> Data<'a> {
+    fn new(
+        inputs: &'a [Input],
+        merging: &'a Merging,
+        pictures: &'a RefCell<Pictures>,
+    ) -> anyhow::Result<Self> {
         let (displayed, others) = merging.fused.split_first().context("there is no map to report on")?;
         let map = &displayed.map;
         let keyframes = placed_keyframes(map);
         let mut frames: Vec<PlacedFrame> = placed_frames(map);
         view::report::cloud::evenly(&mut frames, MAX_FRAMES);
-        let mut pictures = Pictures::default();
         let places = Places::new(merging, displayed, &keyframes);
-        let pair_reports = merging
-            .pair_results
-            .iter()
-            .map(|pair_result| {
-                let report = PairReport::new(inputs, pair_result, &places, &mut pictures);
-                pair_result.as_given().iter().for_each(|&input| inputs[input].features.rest());
-                report
-            })
-            .collect::<anyhow::Result<_>>()?;
         Ok(Self {
             inputs: inputs.iter().map(|input| input.name.clone()).collect(),
             scene: Scene::new(map, &keyframes, &frames),
@@ -102,7 +121,7 @@ impl Data {
             paths: Paths::new(&frames),
             graph: Graph::new(merging, displayed),
             others: others.iter().map(Group::new).collect(),
-            pair_reports,
+            pair_reports: PairReports { inputs, merging, places, pictures },
             pictures,
             fusion_seconds: merging.fusion_seconds,
         })

@@ -1,6 +1,8 @@
 use super::*;
 use crate::merging::input::InputSeconds;
-use crate::merging::{MergingParams, PairRecord, PairResult, Seconds};
+use crate::merging::record::PairRecords;
+use crate::merging::{MergingParams, PairRecord, PairResult, PairResults, Seconds, verdicts};
+use crate::swapping::SwapFiles;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use loopbox_tests::pages::{assert_points_nowhere, embedded, opened};
 use map::{AgentId, AgentInfo, Edge, EdgeKind, FramePose, Keyframe, KeyframeId, Map, SemiDense};
@@ -20,6 +22,7 @@ use merge::two_view::{RelativePose, Scene as SceneKind, TwoViewRefusal};
 use merge::verification::{EvaluatedClosure, Outcome, Place, TestedPlace};
 use nalgebra::{Matrix3, Matrix4, SMatrix, UnitQuaternion, Vector2, Vector3};
 use place_recog::features::{Features, Keypoint};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 const HOSTILE: &str = "</script><script>alert('x')</script>\"&<!-- {{data}} \u{2028}";
@@ -125,7 +128,7 @@ fn merging(names: [&str; 3], count: u32, spacing: usize) -> (Vec<Input>, Merging
     (
         inputs,
         Merging {
-            pair_results: vec![met, refused(0), refused(1)],
+            pair_results: Arc::new([met, refused(0), refused(1)].into_iter().collect()),
             addresses,
             common,
             graph,
@@ -252,7 +255,9 @@ fn pair() -> Pair {
 const NAMES: [&str; 3] = ["yard", "street", "attic"];
 
 fn page_of((inputs, merging): &(Vec<Input>, Merging)) -> String {
-    render(inputs, merging).unwrap()
+    let mut page = Vec::new();
+    render(inputs, merging, &mut page).unwrap();
+    String::from_utf8(page).unwrap()
 }
 
 #[test]
@@ -313,10 +318,33 @@ fn every_pair_has_its_verdict() {
 fn a_doubted_closure_is_listed_with_its_doubt() {
     let mut merging = merging(NAMES, 4, 9);
     let doubt = Doubt::Unconfirmed { pairs: 1, needed: 2 };
-    merging.1.pair_results[0].tested = [tested(evaluated(Decision::Undecided(doubt)))].into();
+    let met = merging.1.pair_results.get([0, 1]).unwrap().into_owned();
+    let doubted = PairResult { tested: [tested(evaluated(Decision::Undecided(doubt)))].into(), ..met };
+    Arc::make_mut(&mut merging.1.pair_results).insert(doubted);
     let data = embedded(&page_of(&merging));
     assert_eq!(data["meetings"][0]["closure"]["accepted"], false);
     assert_eq!(data["meetings"][0]["refusal"].as_str().unwrap().chars().next(), Some('O'));
+}
+
+#[test]
+fn what_rests_is_written_to_the_byte_as_what_is_in_memory() {
+    let (inputs, mut merging) = merging(NAMES, 4, 9);
+    let written = |merging: &Merging| {
+        let record = serde_json::to_string_pretty(&PairRecords::new(&inputs, merging)).unwrap();
+        let mut page = Vec::new();
+        render(&inputs, merging, &mut page).unwrap();
+        let said: String = verdicts(&inputs, merging).collect();
+        (record, page, said, merging.provenance(&inputs, &MergingParams::default()))
+    };
+    let in_memory = written(&merging);
+    let mut resting = PairResults::resting(Arc::new(SwapFiles::beyond("/nonexistent".into(), 0)));
+    merging.pair_results.iter().for_each(|pair_result| resting.insert(pair_result.into_owned()));
+    merging.pair_results = resting.into();
+    assert!(
+        merging.pair_results.iter().all(|pair_result| matches!(pair_result, Cow::Owned(_))),
+        "none rests"
+    );
+    assert!(written(&merging) == in_memory);
 }
 
 #[test]
@@ -360,7 +388,8 @@ fn a_browser_shows_it() {
 #[test]
 fn keys_of_results_stay() {
     let (inputs, merging) = merging(["a", "b", "c"], 5, 1);
-    let record = serde_json::to_value(PairRecord::new(&merging.pair_results[0], &inputs)).unwrap();
+    let record =
+        serde_json::to_value(PairRecord::new(&merging.pair_results.get([0, 1]).unwrap(), &inputs)).unwrap();
     for key in ["/tried/0/outcome", "/seconds/meeting", "/closure/evidence/agreeing_share"] {
         assert!(record.pointer(key).is_some(), "no {key} in {record:#}");
     }
