@@ -1,9 +1,11 @@
 //! What the program says: whoever listens may leave, and the work goes on.
 
+use crate::logging;
 use anyhow::{Context, Result};
+use loopbox::Level;
 use serde::Serialize;
 use std::fmt::Arguments;
-use std::io::{ErrorKind, Write, stderr, stdout};
+use std::io::{self, BufWriter, ErrorKind, Write, stdout};
 use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 
@@ -17,7 +19,17 @@ macro_rules! tell {
     ($($part:tt)*) => { $crate::console::tell_line(format_args!($($part)*)) };
 }
 
-pub(crate) use {say, tell};
+/// Says a warning on standard error.
+macro_rules! warning {
+    ($($part:tt)*) => { $crate::logging::write(loopbox::Level::Warn, "warning: ", format_args!($($part)*)) };
+}
+
+/// Says a step on standard error, where a log is to have these.
+macro_rules! debug {
+    ($($part:tt)*) => { $crate::logging::write(loopbox::Level::Debug, "", format_args!($($part)*)) };
+}
+
+pub(crate) use {debug, say, tell, warning};
 
 /// Says what comes next, unless that is to be quiet.
 pub fn step(quiet: bool, text: &str) {
@@ -32,7 +44,7 @@ pub fn show(file: &Path) {
     let mut command = Command::new(program);
     command.arg(file).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     if let Err(error) = command.spawn() {
-        tell!("warning: {} cannot be shown: {program}: {error}", file.display());
+        warning!("{} cannot be shown: {program}: {error}", file.display());
     }
 }
 
@@ -43,7 +55,7 @@ pub(crate) fn say_line(text: Arguments<'_>) {
 
 /// What [`tell!`] does.
 pub(crate) fn tell_line(text: Arguments<'_>) {
-    let _ = writeln!(stderr(), "{text}");
+    logging::write(Level::Info, "", text);
 }
 
 /// Prints what a command was asked for. A reader that has closed the pipe (`| head`) has seen enough.
@@ -51,8 +63,23 @@ pub(crate) fn tell_line(text: Arguments<'_>) {
 /// # Errors
 /// When it cannot be written, into a file on a full disk say.
 pub(crate) fn print(text: &str) -> Result<()> {
-    let mut out = stdout();
-    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+    print_by(|out| out.write_all(text.as_bytes()))
+}
+
+/// Prints JSON bit by bit, of what may be more than there is memory for.
+///
+/// # Errors
+/// Those of [`print`].
+pub(crate) fn print_streamed(value: &impl Serialize) -> Result<()> {
+    print_by(|out| {
+        serde_json::to_writer_pretty(&mut *out, value)?;
+        out.write_all(b"\n")
+    })
+}
+
+fn print_by(write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<()> {
+    let mut out = BufWriter::new(stdout().lock());
+    match write(&mut out).and_then(|()| out.flush()) {
         Err(error) if error.kind() != ErrorKind::BrokenPipe => {
             Err(error).context("standard output cannot be written to")
         }
@@ -117,7 +144,7 @@ pub(crate) fn usage<T>(checked: Result<T>) -> Result<T> {
 
 /// Tells an error on standard error and how the program ends by it.
 pub fn report(error: &anyhow::Error) -> ExitCode {
-    tell!("error: {}", loopbox::explained(error));
+    logging::write(Level::Error, "error: ", format_args!("{}", loopbox::explained(error)));
     let ending = error.downcast_ref::<Ended>().map_or(Ending::Failed, |ended| ended.ending);
     ExitCode::from(ending as u8)
 }

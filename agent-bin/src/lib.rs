@@ -7,5 +7,6 @@ pub mod allocation;
 pub mod commands;
 pub mod console;
 mod interrupt;
+pub mod logging;
 mod progress;
 pub mod version;

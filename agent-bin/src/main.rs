@@ -1,7 +1,7 @@
 //! `loopbox`: SLAM for recordings and cameras, of one agent and of several.
 
 use agent_bin::commands::Cli;
-use agent_bin::{allocation, version};
+use agent_bin::{allocation, logging, version};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -10,7 +10,8 @@ fn main() -> ExitCode {
     if !version::COMMIT.is_empty() {
         loopbox::program::set_commit(version::COMMIT);
     }
-    match Cli::parse().command.execute() {
+    let cli = Cli::parse();
+    match logging::check_environment().and_then(|()| cli.command.execute()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => agent_bin::console::report(&error),
     }

@@ -1,9 +1,10 @@
 //! What the user sees while a run goes on.
 
-use crate::console::{print, say, tell};
+use crate::console::{debug, print, say, tell, warning};
+use crate::logging;
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
-use loopbox::counted;
 use loopbox::run::{FrameRow, Progress, RunRecord, state_name};
+use loopbox::{Level, counted};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 use slam_direct::Frame;
@@ -54,6 +55,8 @@ impl Console {
             }
             _ => ProgressBar::hidden(),
         };
+        // A bar would stand among the lines of a log.
+        let bar = if logging::is_on() { ProgressBar::hidden() } else { bar };
         if display == Display::Bar {
             bar.enable_steady_tick(Duration::from_millis(200));
         }
@@ -68,7 +71,7 @@ impl Console {
 
     /// Whether there is a bar that nobody sees, as where the output goes into a file.
     pub fn is_unseen(&self) -> bool {
-        self.display == Display::Bar && self.bar.is_hidden()
+        self.display == Display::Bar && self.bar.is_hidden() && !logging::is_on()
     }
 
     /// A text that is to be said; the last one of its kind says so.
@@ -136,9 +139,11 @@ impl Progress for Console {
             Notice::Back(_) => "back",
         };
         match self.display {
-            Display::Bar => self.bar.suspend(|| tell!("{}", notice.text())),
             Display::Quiet if event == "note" => {}
-            Display::Quiet => tell!("{}", notice.text()),
+            Display::Bar | Display::Quiet => {
+                let level = if event == "gone" { Level::Warn } else { Level::Info };
+                self.bar.suspend(|| logging::write(level, "", format_args!("{}", notice.text())));
+            }
             Display::Json => log_line(&json!({ "event": event, "text": notice.text() })),
         }
     }
@@ -161,8 +166,8 @@ impl Progress for Console {
 
     fn warn(&self, text: &str) {
         match self.display {
-            Display::Bar => self.bar.suspend(|| tell!("warning: {text}")),
-            Display::Quiet => tell!("warning: {text}"),
+            Display::Bar => self.bar.suspend(|| warning!("{text}")),
+            Display::Quiet => warning!("{text}"),
             Display::Json => log_line(&json!({ "event": "warning", "text": text })),
         }
     }
@@ -178,7 +183,10 @@ impl Progress for Console {
 
     fn stage(&self, text: &str) {
         match self.display {
-            Display::Bar => self.bar.set_message(text.to_owned()),
+            Display::Bar => {
+                debug!("{text}");
+                self.bar.set_message(text.to_owned());
+            }
             Display::Quiet => {}
             Display::Json => log_line(&json!({ "event": "stage", "text": text })),
         }
@@ -241,7 +249,7 @@ pub fn print_numbers(record: &impl Serialize, folder: &Path) {
         print(&(serde_json::to_string_pretty(&fields)? + "\n"))
     };
     if let Err(error) = numbers() {
-        tell!("warning: {}", loopbox::explained(&error));
+        warning!("{}", loopbox::explained(&error));
     }
 }
 

@@ -17,6 +17,7 @@ mod explaining;
 #[cfg(feature = "fleet")]
 pub mod fleet;
 pub mod importing;
+mod level;
 pub mod lidar;
 pub mod merging;
 pub mod open;
@@ -34,6 +35,7 @@ pub mod verdicts;
 pub use counting::counted;
 pub use evaluating::evaluate;
 pub use explaining::explained;
+pub use level::Level;
 pub use merging::{MergeOptions, merge_maps};
 pub use reporting::write_report;
 pub use run::{RunOptions, run};

@@ -3,6 +3,7 @@
 use super::threads::ThreadsArg;
 use crate::console::tell;
 use crate::interrupt::stop_on_ctrl_c;
+use crate::logging::{self, LogArg};
 use anyhow::{Context, Result};
 use clap::Args;
 use loopbox::unattended::{AgentConfig, Over, supervise};
@@ -23,6 +24,8 @@ pub struct AgentArgs {
     config: PathBuf,
     #[command(flatten)]
     threads: ThreadsArg,
+    #[command(flatten)]
+    log: LogArg,
 }
 
 /// Runs it.
@@ -30,11 +33,13 @@ pub struct AgentArgs {
 /// # Errors
 /// When what the file says cannot be used.
 pub fn execute(args: &AgentArgs) -> Result<()> {
+    args.log.start();
     args.threads.start()?;
     let config = AgentConfig::read(&args.config)?;
     let stop = stop_on_ctrl_c("stopping: the map is brought to the disk (again to abort)")?;
     end_in_time(&stop)?;
-    match supervise(&config, &stop, Arc::new(|text| tell!("{text}")))? {
+    let report = |level, text: &str| logging::write(level, "", format_args!("{text}"));
+    match supervise(&config, &stop, Arc::new(report))? {
         Over::Memory if !stop.requested() => begin_anew(),
         _ => Ok(()),
     }

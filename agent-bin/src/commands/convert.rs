@@ -1,6 +1,6 @@
 //! `loopbox convert`: a recording into another form.
 
-use crate::console::{say, tell};
+use crate::console::{say, tell, warning};
 use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::frame_bar;
 use anyhow::{Result, bail};
@@ -76,10 +76,10 @@ pub fn execute(args: &ConvertArgs) -> Result<()> {
     }
     draft.finish(&head.calibration)?;
     if let Some(warning) = source.warning() {
-        tell!("warning: {warning}");
+        warning!("{warning}");
     }
     if let Some(reason) = &counts.first_reason {
-        tell!("warning: {} frames have no readable image and are left out: {reason}", counts.unreadable);
+        warning!("{} frames have no readable image and are left out: {reason}", counts.unreadable);
     }
     if !args.quiet {
         lost.iter().for_each(|text| tell!("note: {text}"));

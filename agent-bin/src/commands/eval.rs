@@ -3,7 +3,7 @@
 use super::eval_agents;
 use super::eval_depth::{self, MapDepth};
 use super::eval_table::{self, Form, Runs};
-use crate::console::{self, tell};
+use crate::console::{self, warning};
 use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use eval::{
@@ -127,8 +127,8 @@ pub fn run(args: EvalArgs) -> Result<()> {
         (last, _) => {
             agents.extend(last);
             if args.gt.len() == 1 && overlap(&agents) {
-                tell!(
-                    "warning: {} is taken for the truth of all {} estimates, some of them of the same time\nhint: give one \
+                warning!(
+                    "{} is taken for the truth of all {} estimates, some of them of the same time\nhint: give one \
                      for each in their order: --gt A B",
                     args.gt[0].display(),
                     agents.len()

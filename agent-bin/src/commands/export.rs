@@ -1,7 +1,7 @@
 //! `loopbox export`: a map in the formats of other tools.
 
 use super::info_map::load_at;
-use crate::console::{say, tell};
+use crate::console::{say, warning};
 use anyhow::{bail, ensure};
 use geometry::Se3;
 use loopbox::placing::board::scale_by_board;
@@ -198,7 +198,7 @@ pub fn run(args: &ExportArgs) -> anyhow::Result<()> {
         say!("lengths are {} times those of the map", figures(growth));
     }
     if map.keyframes.values().all(|keyframe| keyframe.semi_dense.is_empty() && keyframe.scan.is_none()) {
-        tell!("warning: {}: no keyframe has depth: clouds of it are empty", args.map.display());
+        warning!("{}: no keyframe has depth: clouds of it are empty", args.map.display());
     }
     let selection = CloudSelection { voxel: args.voxel, ..args.max_variance.into() };
     write_clouds(&args.outputs, &map, selection)?;

@@ -5,6 +5,7 @@ mod demo;
 use super::keys::KeysArg;
 use crate::console::{self, Ended, Ending, tell, usage};
 use crate::interrupt::stop_on_ctrl_c;
+use crate::logging;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
 use loopbox::fleet::{Endpoint, Fleet, FleetOptions, StatusFile, read_status};
@@ -113,9 +114,9 @@ impl PairingArgs {
         let fleet = Fleet::start(
             &options,
             None,
-            move |text| {
+            move |level, text| {
                 if !quiet {
-                    tell!("fleet: {text}");
+                    logging::write(level, "", format_args!("fleet: {text}"));
                 }
             },
             Vec::new(),
@@ -204,7 +205,8 @@ fn hand_over(folder: &Path, name: &str, args: &FleetCommand) -> Result<()> {
         keys: args.keys.folder(),
     };
     let stop = stop_on_ctrl_c("stopping (Ctrl-C again to abort)")?;
-    let fleet = Fleet::start(&options, None, |text| tell!("{text}"), Vec::new())?;
+    let report = |level, text: &str| logging::write(level, "", format_args!("{text}"));
+    let fleet = Fleet::start(&options, None, report, Vec::new())?;
     if let Some(at) = fleet.listening() {
         tell!("others reach this agent by --connect {}", at.for_others());
     }

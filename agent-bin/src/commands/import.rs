@@ -1,6 +1,6 @@
 //! `loopbox import`: a map of posed images with depth from elsewhere.
 
-use crate::console::{say, tell};
+use crate::console::{say, warning};
 use anyhow::{Result, bail};
 use loopbox::importing::{ImportOptions, Imported, Layout, import};
 use std::path::PathBuf;
@@ -59,7 +59,7 @@ pub fn execute(args: &ImportArgs) -> Result<()> {
         features: args.features.is_now(),
     };
     let Imported { map, layout, warnings } = import(&args.folder, &options)?;
-    warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    warnings.iter().for_each(|warning| warning!("{warning}"));
     map::save_map(&args.out, &map)?;
     let unit = if map.is_metric() { ", in metres" } else { "" };
     say!("{}: {} keyframes of a {} folder{unit}", args.out.display(), map.keyframes.len(), layout.name());

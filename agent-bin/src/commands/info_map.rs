@@ -1,6 +1,6 @@
 //! `loopbox info` for maps: what a map holds; and maps opened for any command, with their warnings said.
 
-use crate::console::{self, tell};
+use crate::console::{self, warning};
 use loopbox::open::open_map;
 use map::Map;
 use std::path::{Path, PathBuf};
@@ -23,6 +23,6 @@ pub(crate) fn load_at(path: &Path) -> anyhow::Result<Map> {
 
 fn load_with_file(path: &Path) -> anyhow::Result<(PathBuf, Map)> {
     let opened = open_map(path)?;
-    opened.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    opened.warnings.iter().for_each(|warning| warning!("{warning}"));
     Ok((opened.file, opened.map))
 }

@@ -52,17 +52,10 @@ impl MethodArgs {
     /// # Errors
     /// When the parameter file cannot be read, or the method is one of LiDARs.
     pub fn of_cameras(&self) -> Result<MergingParams> {
-        let mut params = self.parameters.of_merging()?;
-        match self.method {
-            Some(AnyMethod::Camera(method)) => params.method = method,
-            Some(AnyMethod::Lidar(method)) => {
-                bail!("--method {} is for maps of LiDARs, and these are of cameras", method.name());
-            }
-            None => {}
+        if let Some(AnyMethod::Lidar(method)) = self.method {
+            bail!("--method {} is for maps of LiDARs, and these are of cameras", method.name());
         }
-        params.further.place.prior.days_apart =
-            self.days_apart.unwrap_or(params.further.place.prior.days_apart);
-        Ok(params)
+        self.camera_params()
     }
 
     /// Those of maps of LiDARs.
@@ -73,7 +66,8 @@ impl MethodArgs {
         if self.parameters.are_given() {
             bail!("--params and --set are for maps of cameras, and these are of LiDARs");
         }
-        self.lidar_params()
+        self.refuse_camera_method()?;
+        Ok(self.lidar_params())
     }
 
     /// The parameters of maps of cameras and of those of LiDARs, where both are in a store and not compared with each other.
@@ -81,29 +75,34 @@ impl MethodArgs {
     /// # Errors
     /// When the parameter file cannot be read.
     pub fn of_store(&self) -> Result<(MergingParams, LidarMergeParams)> {
-        let days = |usual: f64| self.days_apart.unwrap_or(usual);
-        let (mut cameras, mut lidars) = (self.parameters.of_merging()?, LidarMergeParams::default());
-        cameras.further.place.prior.days_apart = days(cameras.further.place.prior.days_apart);
-        lidars.prior.days_apart = days(lidars.prior.days_apart);
-        match self.method {
-            Some(AnyMethod::Camera(method)) => cameras.method = method,
-            Some(AnyMethod::Lidar(method)) => lidars.method = method,
-            None => {}
-        }
-        Ok((cameras, lidars))
+        Ok((self.camera_params()?, self.lidar_params()))
     }
 
-    fn lidar_params(&self) -> Result<LidarMergeParams> {
-        let mut params = LidarMergeParams::default();
-        params.prior.days_apart = self.days_apart.unwrap_or(params.prior.days_apart);
-        match self.method {
-            Some(AnyMethod::Camera(method)) => {
-                bail!("--method {} is for maps of cameras, and there is a LiDAR's among these", method.name())
-            }
-            Some(AnyMethod::Lidar(method)) => params.method = method,
-            None => {}
+    /// Those of cameras, whatever a method of LiDARs says.
+    fn camera_params(&self) -> Result<MergingParams> {
+        let mut params = self.parameters.of_merging()?;
+        let prior = &mut params.further.place.prior;
+        prior.days_apart = self.days_apart.unwrap_or(prior.days_apart);
+        if let Some(AnyMethod::Camera(method)) = self.method {
+            params.method = method;
         }
         Ok(params)
+    }
+
+    /// Those of LiDARs, whatever a method of cameras says.
+    fn lidar_params(&self) -> LidarMergeParams {
+        let mut params = LidarMergeParams::default();
+        params.prior.days_apart = self.days_apart.unwrap_or(params.prior.days_apart);
+        if let Some(AnyMethod::Lidar(method)) = self.method {
+            params.method = method;
+        }
+        params
+    }
+
+    /// Refuses a method of cameras, where a LiDAR's map is among those that are merged.
+    fn refuse_camera_method(&self) -> Result<()> {
+        let Some(AnyMethod::Camera(method)) = self.method else { return Ok(()) };
+        bail!("--method {} is for maps of cameras, and there is a LiDAR's among these", method.name())
     }
 }
 
@@ -116,10 +115,8 @@ impl JudgingArgs {
         if !self.confirm.is_empty() {
             bail!("--confirm is for maps of cameras alone or of LiDARs alone, and among these are both");
         }
-        let lidars = self.how.lidar_params()?;
-        let mut cameras = self.how.parameters.of_merging()?;
-        cameras.further.place.prior.days_apart =
-            self.how.days_apart.unwrap_or(cameras.further.place.prior.days_apart);
+        self.how.refuse_camera_method()?;
+        let (cameras, lidars) = self.how.of_store()?;
         Ok((lidars, cameras))
     }
 

@@ -4,7 +4,7 @@ use super::judging::JudgingArgs;
 use super::merge_progress::MergeProgress;
 use super::merge_scans;
 use super::threads::ThreadsArg;
-use crate::console::{self, Ended, Ending, tell};
+use crate::console::{self, Ended, Ending, warning};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::{Result, bail};
 use clap::Args;
@@ -103,14 +103,18 @@ pub fn run(args: &mut MergeArgs) -> Result<()> {
     let merged = merge_maps_watched(&args.maps, options, &stop, &progress)?;
     progress.finish();
     if args.json {
-        console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;
+        console::print_streamed(&merged.record)?;
     }
     if !merged.any_joined() {
         let reasons = merged.verdict();
         let text = format!("no two of the maps met, so there is no common map\n{}", reasons.trim_end());
         return Err(Ended { ending: Ending::NotMet, text }.into());
     }
-    if args.json { Ok(()) } else { console::print(&summary(args, &merged)) }
+    if args.json {
+        return Ok(());
+    }
+    merged.verdicts().try_for_each(|verdict| console::print(&verdict))?;
+    console::print(&summary(args, &merged))
 }
 
 impl MergeArgs {
@@ -121,7 +125,7 @@ impl MergeArgs {
         let progress = MergeProgress::new(self.quiet);
         let merged = merge_rig(&self.maps, lidar_from_camera, (&self.out, self.force), &stop, &progress)?;
         progress.finish();
-        merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+        merged.warnings.iter().for_each(|warning| warning!("{warning}"));
         let record = &merged.record;
         if self.json {
             return console::print(&(serde_json::to_string_pretty(record)? + "\n"));
@@ -170,9 +174,9 @@ impl MergeArgs {
     }
 }
 
-/// What came of it, for people.
+/// What came of it besides the verdicts, for people.
 fn summary(args: &MergeArgs, merged: &Merged) -> String {
-    let (record, mut text) = (&merged.record, merged.verdict());
+    let (record, mut text) = (&merged.record, String::new());
     for (group, agents) in record.groups.iter().zip(merged.merging.groups()) {
         let file = if args.no_map { MANIFEST } else { &group.map };
         text += &format!("{}: {}\n", args.out.join(file).display(), merged.names.list(agents));

@@ -1,6 +1,7 @@
 //! What the user sees while maps are merged.
 
-use crate::console::tell;
+use crate::console::{tell, warning};
+use crate::logging;
 use indicatif::{ProgressBar, ProgressStyle};
 use loopbox::merging::MergeWatcher;
 use std::io::IsTerminal;
@@ -15,7 +16,7 @@ pub struct MergeProgress {
 impl MergeProgress {
     /// Nothing is said when `quiet`.
     pub fn new(quiet: bool) -> Self {
-        let bar = (!quiet && std::io::stderr().is_terminal()).then(|| {
+        let bar = (!quiet && !logging::is_on() && std::io::stderr().is_terminal()).then(|| {
             let style = ProgressStyle::with_template("{spinner} {msg}");
             let bar = ProgressBar::new_spinner();
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_spinner()));
@@ -44,8 +45,8 @@ impl MergeWatcher for MergeProgress {
 
     fn warn(&self, text: &str) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| tell!("warning: {text}")),
-            None => tell!("warning: {text}"),
+            Some(bar) => bar.suspend(|| warning!("{text}")),
+            None => warning!("{text}"),
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::merge::MergeArgs;
 use super::merge_progress::MergeProgress;
-use crate::console::{self, Ended, Ending, tell};
+use crate::console::{self, Ended, Ending, warning};
 use crate::interrupt::stop_on_ctrl_c;
 use anyhow::Result;
 use loopbox::lidar::merging::LidarMergeParams;
@@ -28,7 +28,7 @@ pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
         map: !args.no_map,
     };
     let merged = merge_maps(&args.maps, &options, &stop, &mut stage)?;
-    merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    merged.warnings.iter().for_each(|warning| warning!("{warning}"));
     if args.json {
         console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;
     }
@@ -49,7 +49,7 @@ pub fn run_mixed(args: &MergeArgs, options: &MixedOptions) -> Result<()> {
     let progress = MergeProgress::new(args.quiet);
     let merged = merge_mixed(&args.maps, options, &stop, &progress)?;
     progress.finish();
-    merged.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+    merged.warnings.iter().for_each(|warning| warning!("{warning}"));
     if args.json {
         console::print(&(serde_json::to_string_pretty(&merged.record)? + "\n"))?;
     }

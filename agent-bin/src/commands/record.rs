@@ -1,6 +1,6 @@
 //! `loopbox record`: a source into an MCAP file, without tracking it.
 
-use crate::console::{say, tell};
+use crate::console::{say, tell, warning};
 use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::frame_bar;
 use anyhow::{Context, Result, bail};
@@ -62,7 +62,7 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
     };
     let calibration = CalibrationFiles::gather(&options, source.info())?;
     if calibration.camera.is_none() && !args.quiet {
-        tell!("warning: no calibration goes into the recording: a run over it will need --calib");
+        warning!("no calibration goes into the recording: a run over it will need --calib");
     }
     let head = Head::new(source.info(), calibration);
     if args.force {
@@ -76,7 +76,7 @@ pub fn execute(args: &RecordArgs) -> Result<()> {
     stop.while_waiting(stopper, || copy(source.as_mut(), &recorder, args, &stop));
     let summary = recorder.stop()?;
     if let Some(warning) = source.warning() {
-        tell!("warning: {warning}");
+        warning!("{warning}");
     }
     if summary.frames == 0 {
         let failure = source.failure().map(|failure| format!(": {failure}")).unwrap_or_default();
@@ -123,7 +123,7 @@ fn copy(source: &mut dyn FrameSource, recorder: &Recorder, args: &RecordArgs, st
         }
         bar.inc(1);
         if let Some(warning) = recorder.take_warning() {
-            bar.suspend(|| tell!("warning: {warning}"));
+            bar.suspend(|| warning!("{warning}"));
             if recorder.has_failed() {
                 break;
             }

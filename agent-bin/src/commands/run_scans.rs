@@ -1,6 +1,6 @@
 //! `loopbox run` over a LiDAR's scans.
 
-use crate::console::{Ended, Ending, say, tell};
+use crate::console::{Ended, Ending, say, tell, warning};
 use crate::progress::print_numbers;
 use anyhow::{Context, Result, bail};
 use clap::ValueEnum;
@@ -219,7 +219,7 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
     console.bar.finish_and_clear();
     let Mapped { record, failure } = mapped?;
     if !run.log {
-        source.remarks().iter().for_each(|remark| tell!("warning: {remark}"));
+        source.remarks().iter().for_each(|remark| warning!("{remark}"));
     }
     if run.log {
         say!(
@@ -234,7 +234,7 @@ pub fn execute(opened: OpenScans, run: &ScanRun<'_>, args: &ScanArgs) -> Result<
         summary(&record, run.out);
     }
     if !run.log {
-        record.warnings.iter().for_each(|warning| tell!("warning: {warning}"));
+        record.warnings.iter().for_each(|warning| warning!("{warning}"));
     }
     match failure {
         Some(failure) => bail!("the run ended early, what was mapped is saved: {failure}"),
@@ -302,7 +302,7 @@ impl Console {
             Event::Skipped { index, detail, .. } => {
                 self.skipped.set(self.skipped.get() + 1);
                 if self.skipped.get() <= NAMED {
-                    self.bar.suspend(|| tell!("warning: scan {index} is skipped: {detail}"));
+                    self.bar.suspend(|| warning!("scan {index} is skipped: {detail}"));
                 }
             }
         }

@@ -7,6 +7,7 @@ use super::threads::ThreadsArg;
 use super::watching::ServeArgs;
 use crate::console::{self, tell};
 use crate::interrupt::stop_on_ctrl_c;
+use crate::logging::{self, LogArg};
 use anyhow::Result;
 use clap::Args;
 use loopbox::fleet::{CommonListener, Endpoint, Fleet, FleetOptions};
@@ -48,6 +49,8 @@ pub struct StationArgs {
     #[command(flatten)]
     threads: ThreadsArg,
     #[command(flatten)]
+    log: LogArg,
+    #[command(flatten)]
     publishing: Ros2Args,
     #[cfg(feature = "view")]
     #[command(flatten)]
@@ -59,6 +62,7 @@ pub struct StationArgs {
 /// # Errors
 /// When nobody could reach it or be reached, an address cannot be listened at, or the results cannot be written.
 pub fn run(args: &StationArgs) -> Result<()> {
+    args.log.start();
     if args.listen.is_none() && args.connect.is_empty() {
         anyhow::bail!(
             "nobody could reach the station\nhint: --listen tcp/127.0.0.1:7447 lets agents dial it"
@@ -89,9 +93,9 @@ pub fn run(args: &StationArgs) -> Result<()> {
     let fleet = Fleet::start(
         &options,
         args.agents,
-        move |text| {
+        move |level, text| {
             if !quiet {
-                tell!("{text}");
+                logging::write(level, "", format_args!("{text}"));
             }
         },
         listeners,

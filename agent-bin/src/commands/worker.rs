@@ -2,8 +2,9 @@
 
 use super::judging::MethodArgs;
 use super::threads::ThreadsArg;
-use crate::console::{self, tell};
+use crate::console::{self, debug, tell, warning};
 use crate::interrupt::stop_on_ctrl_c;
+use crate::logging::LogArg;
 use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::counted;
@@ -32,6 +33,8 @@ pub struct WorkerArgs {
     quiet: bool,
     #[command(flatten)]
     threads: ThreadsArg,
+    #[command(flatten)]
+    log: LogArg,
 }
 
 /// Runs `loopbox worker`.
@@ -39,6 +42,7 @@ pub struct WorkerArgs {
 /// # Errors
 /// When the store cannot be used, or with `--once` a map or pair was left out.
 pub fn run(args: &WorkerArgs) -> Result<()> {
+    args.log.start();
     args.threads.start()?;
     let (cameras, lidars) = args.how.of_store()?;
     let options = WorkOptions { store: args.store.clone(), cameras, lidars, once: args.once };
@@ -65,11 +69,15 @@ struct WorkerOutput {
 }
 
 impl MergeWatcher for WorkerOutput {
+    fn detail(&self, text: &str) {
+        debug!("{text}");
+    }
+
     fn stage(&self, text: &str) {
         console::step(self.quiet, text);
     }
 
     fn warn(&self, text: &str) {
-        tell!("warning: {text}");
+        warning!("{text}");
     }
 }

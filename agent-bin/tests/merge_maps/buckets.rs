@@ -1,5 +1,4 @@
-//! Maps and verdicts in a bucket, of an S3 server from PyPI (moto) on this machine: the feature `object-store`. `script/buckets` installs
-//! the server and runs these; `LOOPBOX_MOTO` names its program.
+//! Maps and verdicts in a bucket: the feature `object-store`. `script/buckets` runs these.
 
 use crate::support::{Case, Runs, arg, loopbox};
 
@@ -18,105 +17,27 @@ fn a_build_without_buckets_names_the_feature() {
 #[cfg(feature = "object-store")]
 mod served {
     use super::{Case, Runs, arg};
+    use crate::bucket::Server;
+    use map::{KeyframeId, Map};
+    use std::collections::BTreeMap;
     use std::fs;
-    use std::io::{Read, Write};
-    use std::net::{TcpListener, TcpStream};
     use std::path::Path;
     use std::process::{Child, Command, Output, Stdio};
     use std::time::{Duration, Instant};
 
-    /// That a request is signed, which the server asks for, and by whom, which it does not check.
-    const SIGNED: &str = "AWS4-HMAC-SHA256 Credential=anybody/20260101/us-east-1/s3/aws4_request, SignedHeaders=host, Signature=0";
-
-    /// An S3 server with a bucket, which ends with the test.
-    struct Server {
-        process: Child,
-        port: u16,
+    fn put_map(server: &Server, runs: &Runs, name: &str) {
+        let map = fs::read(runs.run(name).join("map.mcap")).unwrap();
+        server.put(&format!("maps/{name}/map.mcap"), &map);
     }
 
-    impl Server {
-        /// Nothing where there is no server's program.
-        fn begin() -> Option<Self> {
-            let program = std::env::var_os("LOOPBOX_MOTO").unwrap_or_else(|| "moto_server".into());
-            let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-            let mut command = Command::new(program);
-            command.args(["-H", "127.0.0.1", "-p", &port.to_string()]);
-            let Ok(process) = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn() else {
-                eprintln!(
-                    "SKIPPED: no moto_server here, nothing was kept in a bucket (script/buckets installs it)"
-                );
-                return None;
-            };
-            let server = Self { process, port };
-            let begun = Instant::now();
-            while TcpStream::connect(("127.0.0.1", port)).is_err() {
-                assert!(begun.elapsed() < Duration::from_secs(60), "the server does not answer");
-                std::thread::sleep(Duration::from_millis(100));
-            }
-            server.ask("PUT", "/bucket", b"");
-            Some(server)
-        }
-
-        /// What the server answers, without the head of it.
-        fn ask(&self, method: &str, path: &str, body: &[u8]) -> Vec<u8> {
-            let mut link = TcpStream::connect(("127.0.0.1", self.port)).unwrap();
-            let head = format!(
-                "{method} {path} HTTP/1.1\r\nHost: 127.0.0.1\r\nAuthorization: {SIGNED}\r\nConnection: close\r\nContent-Length: \
-                 {}\r\n\r\n",
-                body.len()
-            );
-            link.write_all(head.as_bytes()).unwrap();
-            link.write_all(body).unwrap();
-            let mut answer = Vec::new();
-            link.read_to_end(&mut answer).unwrap();
-            let end = answer.windows(4).position(|four| four == b"\r\n\r\n").unwrap();
-            let (head, body) = answer.split_at(end + 4);
-            let head = String::from_utf8_lossy(head);
-            assert!(
-                head.starts_with("HTTP/1.1 200"),
-                "{method} {path}: {head}{}",
-                String::from_utf8_lossy(body)
-            );
-            body.to_vec()
-        }
-
-        /// The names of the objects under a prefix.
-        fn names(&self, prefix: &str) -> Vec<String> {
-            let list = self.ask("GET", &format!("/bucket?list-type=2&prefix={prefix}"), b"");
-            let list = String::from_utf8(list).unwrap();
-            list.split("<Key>").skip(1).map(|rest| rest.split("</Key>").next().unwrap().to_owned()).collect()
-        }
-
-        fn put_map(&self, runs: &Runs, name: &str) {
-            let map = fs::read(runs.run(name).join("map.mcap")).unwrap();
-            self.ask("PUT", &format!("/bucket/maps/{name}/map.mcap"), &map);
-        }
-
-        fn command(&self, case: &Case, args: &[&str]) -> Command {
-            let mut command = Command::new(env!("CARGO_BIN_EXE_loopbox"));
-            command.args(args).env("XDG_CACHE_HOME", case.path("cache"));
-            for (name, value) in [
-                ("AWS_ENDPOINT_URL", &*format!("http://127.0.0.1:{}", self.port)),
-                ("AWS_ALLOW_HTTP", "true"),
-                ("AWS_ACCESS_KEY_ID", "anybody"),
-                ("AWS_SECRET_ACCESS_KEY", "anything"),
-                ("AWS_REGION", "us-east-1"),
-            ] {
-                command.env(name, value);
-            }
-            command
-        }
-
-        fn loopbox(&self, case: &Case, args: &[&str]) -> Output {
-            self.command(case, args).output().unwrap()
-        }
+    fn command(server: &Server, case: &Case, args: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_loopbox"));
+        server.serve(command.args(args), &case.path("cache"));
+        command
     }
 
-    impl Drop for Server {
-        fn drop(&mut self) {
-            // Nothing to be done where it ended by itself.
-            let _ = self.process.kill().and_then(|()| self.process.wait());
-        }
+    fn run(server: &Server, case: &Case, args: &[&str]) -> Output {
+        command(server, case, args).output().unwrap()
     }
 
     fn texts(output: &Output) -> [String; 2] {
@@ -133,12 +54,12 @@ mod served {
     fn ten_processes_share_a_bucket_of_maps_and_verdicts_and_one_is_killed() {
         let Some(server) = Server::begin() else { return };
         let (runs, case) = (Runs::get(), Case::new());
-        ["left", "right"].iter().for_each(|name| server.put_map(runs, name));
+        ["left", "right"].iter().for_each(|name| put_map(&server, runs, name));
         let [a, b] = ["s3://bucket/maps/left", "s3://bucket/maps/right/map.mcap"];
         let begin = |number: usize| {
             let (first, second) = if number.is_multiple_of(2) { (a, b) } else { (b, a) };
             let args = ["verdict", first, second, "--quiet", "--verdicts", "s3://bucket/verdicts/"];
-            server.command(&case, &args).stdout(Stdio::null()).spawn().expect("loopbox starts")
+            command(&server, &case, &args).stdout(Stdio::null()).spawn().expect("loopbox starts")
         };
         let mut killed = begin(0);
         let others: Vec<Child> = (1..10).map(begin).collect();
@@ -151,13 +72,13 @@ mod served {
         }
         let names = server.names("verdicts/");
         assert!(names.len() == 1 && names[0].ends_with(".verdict"), "{names:?}");
-        let kept = server.ask("GET", &format!("/bucket/{}", names[0]), b"");
+        let kept = server.get(&names[0]);
 
         // In a folder, by the runs' own files, it has the same name and is the same to the byte.
         let folder = case.path("folder");
         let uri = format!("file://{}", arg(&folder));
         let (left, right) = (runs.run("left"), runs.run("right"));
-        let output = server.loopbox(&case, &["verdict", arg(&left), arg(&right), "--verdicts", &uri]);
+        let output = run(&server, &case, &["verdict", arg(&left), arg(&right), "--verdicts", &uri]);
         assert!(output.status.success(), "{:?}", texts(&output));
         assert!(only_file(&folder) == kept);
         assert!(folder.join(names[0].trim_start_matches("verdicts/")).is_file());
@@ -179,8 +100,8 @@ mod served {
     fn a_prefix_of_maps_is_proposed_and_merged_as_the_same_maps_of_this_machine() {
         let Some(server) = Server::begin() else { return };
         let (runs, case) = (Runs::get(), Case::new());
-        ["left", "right", "elsewhere"].iter().for_each(|name| server.put_map(runs, name));
-        let proposed = server.loopbox(&case, &["propose", "s3://bucket/maps/*", "--json", "--quiet"]);
+        ["left", "right", "elsewhere"].iter().for_each(|name| put_map(&server, runs, name));
+        let proposed = run(&server, &case, &["propose", "s3://bucket/maps/*", "--json", "--quiet"]);
         let [proposed, said] = texts(&proposed);
         let pairs: serde_json::Value = serde_json::from_str(&proposed).expect(&said);
         let likeliest = &pairs[0]["maps"];
@@ -189,7 +110,7 @@ mod served {
 
         let merge = |maps: &[&str], verdicts: &str, out: &Path| {
             let args = [&["merge"], maps, &["--verdicts", verdicts, "--out", arg(out)]].concat();
-            let output = server.loopbox(&case, &args);
+            let output = run(&server, &case, &args);
             assert!(output.status.success(), "{:?}", texts(&output));
             texts(&output)
         };
@@ -212,9 +133,9 @@ mod served {
     fn what_is_not_in_the_bucket_is_named_with_what_to_do() {
         let Some(server) = Server::begin() else { return };
         let (left, case) = (Runs::get().run("left"), Case::new());
-        server.put_map(Runs::get(), "left");
+        put_map(&server, Runs::get(), "left");
         let refused = |args: &[&str], words: &[&str]| {
-            let output = server.loopbox(&case, args);
+            let output = run(&server, &case, args);
             let [_, said] = texts(&output);
             assert!(output.status.code() == Some(1), "{output:?}");
             assert!(words.iter().all(|word| said.contains(word)), "{said}");
@@ -226,9 +147,105 @@ mod served {
         );
         refused(&["propose", "s3://bucket/nothing/*"], &["s3://bucket/nothing/*: there is no map", "hint: "]);
         refused(&["propose", map], &["there is nothing to merge it with"]);
-        server.put_map(Runs::get(), "right");
+        put_map(&server, Runs::get(), "right");
         let absent =
             ["s3://absent/v/", ".verdict: cannot be ", "hint: does the bucket exist? AWS_ACCESS_KEY_ID"];
         refused(&["verdict", arg(&left), "s3://bucket/maps/right", "--verdicts", "s3://absent/v"], &absent);
+    }
+
+    /// Those keyframes of a map, as the map of another agent.
+    fn part(map: &Map, name: &str, keeps: impl Fn(usize) -> bool) -> Map {
+        let mut part = map.clone();
+        let ids: Vec<KeyframeId> = part.keyframes.keys().copied().collect();
+        let kept = |id: &KeyframeId| ids.iter().position(|other| other == id).is_some_and(&keeps);
+        part.keyframes.retain(|id, _| kept(id));
+        part.edges.retain(|edge| kept(&edge.from) && kept(&edge.to));
+        part.frames.retain(|frame| kept(&frame.reference));
+        for agent in part.agents.values_mut() {
+            (agent.name, agent.identity) = (name.to_owned(), None);
+        }
+        part
+    }
+
+    /// Two halves of every run, in files of this machine.
+    fn halves(runs: &Runs, case: &Case) -> Vec<(String, std::path::PathBuf)> {
+        let mut all = Vec::new();
+        for run in ["left", "right", "elsewhere"] {
+            let map = runs.map(run);
+            let middle = map.keyframes.len() / 2;
+            for (name, is_first) in [(format!("{run}-1"), true), (format!("{run}-2"), false)] {
+                let file = case.path(&format!("{name}.mcap"));
+                map::save_map(&file, &part(&map, &name, |number| (number < middle) == is_first)).unwrap();
+                all.push((name, file));
+            }
+        }
+        all
+    }
+
+    /// Workers on the bucket, one of which is killed every now and then and followed by another, until so many verdicts are there; how many
+    /// were killed.
+    fn work_and_kill(server: &Server, case: &Case, wanted: usize) -> usize {
+        let begin = || {
+            let mut worker =
+                command(server, case, &["worker", "--store", "s3://bucket/", "--quiet", "-j", "1"]);
+            worker.stdout(Stdio::null()).spawn().expect("loopbox starts")
+        };
+        let mut workers: Vec<Child> = (0..4).map(|_| begin()).collect();
+        let (begun, mut killed, mut chance) = (Instant::now(), 0, 42_u64);
+        while server.names("verdicts/").len() < wanted {
+            assert!(begun.elapsed() < Duration::from_secs(400), "{:?}", server.names("verdicts/"));
+            chance = chance.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            std::thread::sleep(Duration::from_millis(200 + (chance >> 33) % 1500));
+            let one = &mut workers[(chance >> 20) as usize % 4];
+            one.kill().unwrap();
+            one.wait().unwrap();
+            *one = begin();
+            killed += 1;
+        }
+        for worker in &mut workers {
+            worker.kill().unwrap();
+            worker.wait().unwrap();
+        }
+        killed
+    }
+
+    #[test]
+    fn four_workers_on_a_bucket_are_killed_at_random_and_nothing_is_lost() {
+        let Some(server) = Server::begin() else { return };
+        let (runs, case) = (Runs::get(), Case::new());
+        let maps = halves(runs, &case);
+        maps.iter()
+            .for_each(|(name, file)| server.put(&format!("maps/{name}/map.mcap"), &fs::read(file).unwrap()));
+        let killed = work_and_kill(&server, &case, 15);
+        assert!(killed >= 4, "only {killed} workers were killed");
+        let output = run(&server, &case, &["worker", "--store", "s3://bucket", "--once"]);
+        let [_, said] = texts(&output);
+        assert!(output.status.success() && said.contains("0 pairs of maps judged here"), "{said}");
+
+        let merge = |maps: &[&str], verdicts: &str, out: &str| {
+            let out = case.path(out);
+            let args = [&["merge"], maps, &["--verdicts", verdicts, "--out", arg(&out)]].concat();
+            let output = run(&server, &case, &args);
+            assert!(output.status.success(), "{:?}", texts(&output));
+            let [_, said] = texts(&output);
+            (said, fs::read(out.join("map.mcap")).unwrap())
+        };
+        // One process, with nothing but its own files.
+        let alone = case.path("alone");
+        let files: Vec<&str> = maps.iter().map(|(_, file)| arg(file)).collect();
+        let (_, map) = merge(&files, arg(&alone), "one");
+        let entries = fs::read_dir(&alone).unwrap().map(|entry| entry.unwrap().path());
+        let own: BTreeMap<String, Vec<u8>> = entries
+            .map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), fs::read(&path).unwrap()))
+            .collect();
+        let names = server.names("verdicts/");
+        let kept: BTreeMap<String, Vec<u8>> = names
+            .iter()
+            .map(|name| (name.trim_start_matches("verdicts/").to_owned(), server.get(name)))
+            .collect();
+        assert!(own == kept, "other verdicts: {:?} and {:?}", own.keys(), kept.keys());
+        let (said, same) = merge(&files, "s3://bucket/verdicts", "many");
+        assert!(!said.contains("looking where"), "a verdict is lost: {said}");
+        assert!(map == same, "another map");
     }
 }

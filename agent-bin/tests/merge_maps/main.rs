@@ -3,6 +3,9 @@
 //! Whatever a command refuses it must name, and leave nothing behind.
 
 mod bad_input;
+#[cfg(feature = "object-store")]
+#[path = "../common/bucket.rs"]
+mod bucket;
 mod buckets;
 mod continuing;
 #[path = "../common/documented.rs"]

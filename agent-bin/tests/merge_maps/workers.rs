@@ -103,3 +103,58 @@ fn a_worker_that_is_to_end_names_what_it_left_out() {
     assert!(outcome.stderr.contains("left + right: accepted"), "{outcome:#?}");
     assert_eq!(verdicts(&store.join("verdicts")).len(), 1);
 }
+
+/// The level of every line of a log; fails where one has none, or no time.
+fn levels(log: &str) -> Vec<&str> {
+    fn level(line: &str) -> &str {
+        let mut words = line.split_whitespace();
+        let (time, level) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
+        let form: String = time.chars().map(|c| if c.is_ascii_digit() { '0' } else { c }).collect();
+        assert_eq!(form, "0000-00-00T00:00:00.000Z", "{line}");
+        level
+    }
+    log.lines().map(level).collect()
+}
+
+#[test]
+fn a_log_has_times_and_levels_and_what_is_chosen() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let store = case.path("store");
+    ["left", "right"].iter().for_each(|name| put(runs, &store, name));
+    fs::write(store.join("maps/text.mcap"), "no map").unwrap();
+    let log = |level: &str, variable: &str| {
+        // Each finds the verdict itself.
+        let _ = fs::remove_dir_all(store.join("verdicts"));
+        let mut command = Command::new(env!("CARGO_BIN_EXE_loopbox"));
+        command.args(["worker", "--store", arg(&store), "--once"]).env("LOOPBOX_LOG", variable);
+        if !level.is_empty() {
+            command.args(["--log", level]);
+        }
+        let output = command.output().expect("loopbox starts");
+        (String::from_utf8(output.stderr).expect("text"), output.status.code())
+    };
+    let (debug, code) = log("debug", "");
+    let found = levels(&debug);
+    assert!(
+        code == Some(1) && ["DEBUG", "INFO", "WARN", "ERROR"].iter().all(|level| found.contains(level)),
+        "{debug}"
+    );
+    assert!(debug.contains(" INFO  left + right: accepted"), "{debug}");
+    assert!(debug.contains(" WARN  left out: ") && debug.contains("; hint: "), "{debug}");
+    // The flag comes before the variable.
+    let (warn, _) = log("warn", "debug");
+    assert!(levels(&warn).iter().all(|level| ["WARN", "ERROR"].contains(level)), "{warn}");
+    let (by_variable, _) = log("", "error");
+    assert_eq!(levels(&by_variable), ["ERROR"], "{by_variable}");
+    // Without both as people read it.
+    let (plain, _) = log("", "");
+    assert!(plain.contains("\nwarning: left out: ") && plain.contains("\nerror: not all pairs"), "{plain}");
+    assert!(plain.contains("\nleft + right: accepted") && !plain.contains("looking where"), "{plain}");
+    for (level, variable) in [("loud", ""), ("", "loud")] {
+        let (refused, code) = log(level, variable);
+        assert!(
+            code == Some(2) && refused.contains("loud") && refused.contains("error, warn, info, debug"),
+            "{refused}"
+        );
+    }
+}

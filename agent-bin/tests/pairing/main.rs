@@ -1,6 +1,9 @@
 //! Agents that pair over a network, through the binary: processes of their own on this machine.
 #![cfg(feature = "fleet")]
 
+#[cfg(feature = "object-store")]
+#[path = "../common/bucket.rs"]
+mod bucket;
 #[path = "../common/mod.rs"]
 mod common;
 mod disk;
@@ -48,7 +51,11 @@ struct Process(Child);
 
 impl Process {
     fn start(args: &[&str]) -> Self {
-        let child = command().args(args).stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+        Self::of(command().args(args))
+    }
+
+    fn of(command: &mut Command) -> Self {
+        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
         Self(child.expect("it starts"))
     }
 

@@ -58,6 +58,45 @@ fn a_station_shares_maps_and_verdicts_with_workers_and_its_map_is_as_without() {
     }
 }
 
+#[cfg(feature = "object-store")]
+#[test]
+fn a_station_on_a_bucket_and_four_workers_that_are_killed_make_the_same_map() {
+    use crate::bucket::Server;
+    use crate::common::command;
+    use std::time::Duration;
+
+    let Some(server) = Server::begin() else { return };
+    let room = tempfile::tempdir().expect("a folder");
+    let [station, cache, a, b] = ["station", "cache", "a", "b"].map(|name| room.path().join(name));
+    let store = ["--store", "s3://bucket/fleet"];
+    let worker = || {
+        let mut worker = command();
+        Process::of(server.serve(worker.args(["worker", "--quiet", "-j", "1"]).args(store), &cache))
+    };
+    let mut workers: Vec<Process> = (0..4).map(|_| worker()).collect();
+    let mut of_station = command();
+    of_station.args(["station", "--quiet", "--out", arg(&station), "--listen", "tcp/127.0.0.1:0"]);
+    let there = Process::of(server.serve(of_station.args(["--agents", "2"]).args(store), &cache));
+    let at = address(&station);
+    let [one, other] = [("a", &a), ("b", &b)].map(|(name, out)| run(name, out, &["--connect", &at]));
+    for number in 0..12 {
+        std::thread::sleep(Duration::from_millis(150 + 370 * (number * 7 % 5)));
+        std::mem::replace(&mut workers[number as usize % 4], worker()).kill();
+    }
+    assert!(one.succeeded() && other.succeeded() && there.succeeded());
+    assert_is_the_merge_of_the_files(&station, [&a, &b], ["a", "b"]);
+    let verdicts = files(&station.join("verdicts"));
+    let of_bucket: BTreeMap<String, Vec<u8>> = server
+        .names("fleet/verdicts/")
+        .iter()
+        .map(|name| (name.trim_start_matches("fleet/verdicts/").to_owned(), server.get(name)))
+        .collect();
+    assert!(verdicts.len() == 1 && of_bucket == verdicts, "{:?}", of_bucket.keys());
+    let maps: Vec<Vec<u8>> = server.names("fleet/maps/").iter().map(|name| server.get(name)).collect();
+    let own = [&a, &b].map(|out| bytes(&out.join("map.mcap")));
+    assert!(maps.len() == 2 && own.iter().all(|map| maps.contains(map)), "other maps");
+}
+
 #[test]
 fn a_store_that_cannot_be_used_is_named_before_anything_begins() {
     let room = tempfile::tempdir().expect("a folder");

@@ -113,16 +113,22 @@ fn dialled(at: &Endpoint, keys: Option<&Keys>) -> (Tcp, Receiver<Event>, u64) {
     (tcp, happened, link)
 }
 
+/// One that listens, and one that has dialled it; with keys where the link is to be secure.
+fn both_ends(secure: bool) -> ((Tcp, Receiver<Event>), (Tcp, Receiver<Event>, u64)) {
+    let keys = secure.then(|| keys(["a", "b"]));
+    let [a, b] = [0, 1].map(|number| keys.as_ref().map(|keys| &keys[number]));
+    let at: Endpoint = if secure { "tls/127.0.0.1:0" } else { "tcp/127.0.0.1:0" }.parse().unwrap();
+    let (events, happened) = channel();
+    let there = Tcp::start(Some(&at), &[], a, events).unwrap();
+    let here = dialled(there.listening().unwrap(), b);
+    ((there, happened), here)
+}
+
 #[test]
 #[cfg(target_os = "linux")]
 fn both_ends_of_a_link_have_the_congestion_control_that_is_asked_for() {
     for secure in [false, true] {
-        let keys = secure.then(|| keys(["a", "b"]));
-        let [a, b] = [0, 1].map(|number| keys.as_ref().map(|keys| &keys[number]));
-        let at: Endpoint = if secure { "tls/127.0.0.1:0" } else { "tcp/127.0.0.1:0" }.parse().unwrap();
-        let (events, _happened) = channel();
-        let there = Tcp::start(Some(&at), &[], a, events).unwrap();
-        let (here, _news, _link) = dialled(there.listening().unwrap(), b);
+        let ((there, _happened), (here, _news, _link)) = both_ends(secure);
         wait(|| !there.congestion().is_empty());
         let expected = crate::transport::congestion::tests::expected();
         assert_eq!([here.congestion(), there.congestion()], [[&*expected], [&*expected]], "secure: {secure}");
@@ -132,12 +138,7 @@ fn both_ends_of_a_link_have_the_congestion_control_that_is_asked_for() {
 #[test]
 fn who_sends_more_than_is_looked_at_waits() {
     for secure in [false, true] {
-        let keys = secure.then(|| keys(["a", "b"]));
-        let [a, b] = [0, 1].map(|number| keys.as_ref().map(|keys| &keys[number]));
-        let at: Endpoint = if secure { "tls/127.0.0.1:0" } else { "tcp/127.0.0.1:0" }.parse().unwrap();
-        let (events, happened) = channel();
-        let there = Tcp::start(Some(&at), &[], a, events).unwrap();
-        let (flooding, _news, link) = dialled(there.listening().unwrap(), b);
+        let ((there, happened), (flooding, _news, link)) = both_ends(secure);
         let mut came = 0;
         // Nobody looks at what comes.
         let end = Instant::now() + Duration::from_secs(2);

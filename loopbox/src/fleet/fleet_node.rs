@@ -8,6 +8,7 @@ use super::received_results::ReceivedResults;
 use super::saying::Saying;
 use super::status::{AgentLine, LinkLine, STATUS, StatusFile};
 use super::waiting::Waits;
+use crate::Level;
 use anyhow::{Context, Result, anyhow};
 use fleet::keys::Keys;
 use fleet::merge_results::MergeResults;
@@ -72,7 +73,7 @@ struct Shared {
 }
 
 /// Tells people what happens.
-type Report = Box<dyn Fn(&str) + Send + Sync>;
+type Report = Box<dyn Fn(Level, &str) + Send + Sync>;
 /// Shows how things are, on a page say.
 type Shows = Box<dyn Fn(Neighbourhood) + Send + Sync>;
 
@@ -85,7 +86,7 @@ impl Fleet {
     pub fn start(
         options: &FleetOptions,
         enough: Option<usize>,
-        report: impl Fn(&str) + Send + Sync + 'static,
+        report: impl Fn(Level, &str) + Send + Sync + 'static,
         listeners: Vec<Box<dyn CommonListener>>,
     ) -> Result<Self> {
         let role = if options.is_station { Role::Station } else { Role::Agent };
@@ -259,9 +260,9 @@ impl Shared {
         self.waits.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn report(&self, text: &str) {
+    fn report(&self, level: Level, text: &str) {
         if let Some(report) = &self.report {
-            report(text);
+            report(level, text);
         }
     }
 
@@ -273,14 +274,14 @@ impl Shared {
             let many = status.trouble.len().saturating_sub(20);
             status.trouble.drain(..many);
             drop(status);
-            self.report(text);
+            self.report(Level::Warn, text);
         }
     }
 
     fn handle(&self, notice: Notice) {
         let said = self.saying.lock().unwrap_or_else(PoisonError::into_inner).text(&notice);
-        if let Some(text) = said {
-            self.report(&text);
+        if let Some((level, text)) = said {
+            self.report(level, &text);
         }
         match notice {
             Notice::Trouble(text) => self.trouble(&text),
@@ -300,7 +301,7 @@ impl Shared {
         self.status().remote_results = received_results.all();
         drop(received_results);
         if before != Some(accepted) {
-            self.report(&format!("a neighbour has merged {}", pairs_of_maps(accepted)));
+            self.report(Level::Info, &format!("a neighbour has merged {}", pairs_of_maps(accepted)));
         }
     }
 
@@ -336,8 +337,13 @@ impl Shared {
                     let links = service.status().neighbours;
                     let kilobytes = links.iter().map(|link| link.received).sum::<u64>() / 1000;
                     let merged = pairs_of_maps(found.accepted());
-                    self.report(&format!("merged {merged}, after {kilobytes} kB of objects came"));
+                    self.report(
+                        Level::Info,
+                        &format!("merged {merged}, after {kilobytes} kB of objects came"),
+                    );
                 }
+                let (accepted, pairs) = (found.accepted(), found.pair_verdicts.len());
+                self.report(Level::Debug, &format!("{accepted} of {pairs} pairs of maps are merged so far"));
                 service.publish_results(now_ms(), Arc::new(found.clone()));
                 self.status().found = found;
                 *self.waits() = collector.waits().clone();

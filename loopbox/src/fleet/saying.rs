@@ -1,5 +1,6 @@
 //! What is said of neighbours as they come and go.
 
+use crate::Level;
 use fleet::node::Notice;
 use std::collections::BTreeSet;
 
@@ -8,20 +9,25 @@ use std::collections::BTreeSet;
 pub struct Saying(BTreeSet<String>);
 
 impl Saying {
-    /// What to say of a notice; nothing of one that is no news or is worked on elsewhere.
-    pub fn text(&mut self, notice: &Notice) -> Option<String> {
+    /// What to say of a notice, and how much it matters; nothing of one that is worked on elsewhere.
+    pub fn text(&mut self, notice: &Notice) -> Option<(Level, String)> {
         Some(match notice {
             Notice::Connected { name, address } => {
                 // Whether it holds what came meanwhile is news.
                 self.0.remove(name);
-                format!("{name} is there, at {address}")
+                (Level::Info, format!("{name} is there, at {address}"))
             }
-            Notice::Disconnected { name, reason } => format!("{name} is not there any more: {reason}"),
+            Notice::Disconnected { name, reason } => {
+                (Level::Warn, format!("{name} is not there any more: {reason}"))
+            }
             Notice::Unanswered { address, reason } => {
-                format!("{address} does not answer ({reason}); it is dialled again and again")
+                (Level::Warn, format!("{address} does not answer ({reason}); it is dialled again and again"))
             }
             Notice::Stored { by, .. } if self.0.insert(by.clone()) => {
-                format!("{by} holds all of the map told so far, and is told what is added")
+                (Level::Info, format!("{by} holds all of the map told so far, and is told what is added"))
+            }
+            Notice::Stored { by, agent, version: (_, version) } => {
+                (Level::Debug, format!("{by} holds version {version} of the map of {agent}"))
             }
             _ => return None,
         })
@@ -41,7 +47,8 @@ mod tests {
             version: (1, version),
         };
         let mut saying = Saying::default();
-        let said = |saying: &mut Saying, notice| saying.text(&notice).is_some();
+        let said =
+            |saying: &mut Saying, notice| saying.text(&notice).is_some_and(|(level, _)| level < Level::Debug);
         let found: Vec<bool> = (0..5).map(|version| said(&mut saying, stored("base", version))).collect();
         assert_eq!(found, [true, false, false, false, false]);
         assert!(said(&mut saying, stored("car-7", 1)), "another");

@@ -51,6 +51,9 @@ pub trait MergeWatcher {
     /// What is done next.
     fn stage(&self, _text: &str) {}
 
+    /// A step of what is done, for who looks for a fault.
+    fn detail(&self, _text: &str) {}
+
     /// Something the user should know.
     fn warn(&self, _text: &str) {}
 }

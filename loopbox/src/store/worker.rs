@@ -369,13 +369,17 @@ fn may_be_written(name: &str, stamp: Stamp) -> bool {
     SystemTime::now().duration_since(written).map_or(true, |age| age < SETTLED)
 }
 
-/// Passes on warnings, each once whatever pair a map is in, and no stages.
+/// Passes on warnings, each once whatever pair a map is in, and stages as details.
 struct Warned<'a> {
     watcher: &'a dyn MergeWatcher,
     warned: RefCell<BTreeSet<String>>,
 }
 
 impl MergeWatcher for Warned<'_> {
+    fn stage(&self, text: &str) {
+        self.watcher.detail(text);
+    }
+
     fn warn(&self, text: &str) {
         if self.warned.borrow_mut().insert(text.to_owned()) {
             self.watcher.warn(text);

@@ -4,8 +4,8 @@ use super::config::AgentConfig;
 use super::room::{Plan, Room, plan};
 use super::sessions::{Session, Sessions};
 use super::vitals::{Vitals, Why};
-use crate::SwapFiles;
 use crate::run::free_bytes;
+use crate::{Level, SwapFiles};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -108,7 +108,10 @@ impl Housekeeping {
         for path in delete {
             let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
             match removed {
-                Ok(()) => self.vitals.report(&format!("{}: deleted for room on the disk", path.display())),
+                Ok(()) => {
+                    let text = format!("{}: deleted for room on the disk", path.display());
+                    self.vitals.report(Level::Info, &text);
+                }
                 Err(error) => self.vitals.trouble(&format!("{}: cannot be deleted: {error}", path.display())),
             }
         }
@@ -149,13 +152,13 @@ impl Housekeeping {
         let bytes = button.path().and_then(|path| fs::metadata(path).ok()).map_or(0, |about| about.len());
         if button.is_on() && (!wanted || bytes >= self.file_bytes || button.has_failed()) {
             match button.set(false) {
-                Ok(text) => self.vitals.report(&text),
+                Ok(text) => self.vitals.report(Level::Info, &text),
                 Err(error) => self.vitals.trouble(&crate::explained(&error)),
             }
         }
         if wanted && !button.is_on() {
             match button.set(true) {
-                Ok(text) => self.vitals.report(&text),
+                Ok(text) => self.vitals.report(Level::Info, &text),
                 Err(error) => self.vitals.trouble(&crate::explained(&error)),
             }
         }

@@ -41,8 +41,12 @@ impl Pairing {
             keys: fleet.keys.clone(),
         };
         let reporter = Arc::clone(vitals);
-        let fleet =
-            Fleet::start(&options, None, move |text| reporter.report(&format!("fleet: {text}")), Vec::new())?;
+        let fleet = Fleet::start(
+            &options,
+            None,
+            move |level, text| reporter.report(level, &format!("fleet: {text}")),
+            Vec::new(),
+        )?;
         Ok(Self(Some(fleet)))
     }
 

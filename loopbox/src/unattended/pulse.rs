@@ -4,6 +4,7 @@
 use super::heartbeat::{self, INTERVAL};
 use super::manager::Manager;
 use super::vitals::{Vitals, Why};
+use crate::Level;
 use sources::Stop;
 use std::collections::VecDeque;
 use std::path::PathBuf;
@@ -119,8 +120,10 @@ impl Beating {
         match written {
             Err(error) if !self.is_dumb => {
                 self.is_dumb = true;
-                self.vitals
-                    .report(&format!("{}: the heartbeat cannot be written: {error}", self.path.display()));
+                self.vitals.report(
+                    Level::Warn,
+                    &format!("{}: the heartbeat cannot be written: {error}", self.path.display()),
+                );
             }
             written => self.is_dumb = written.is_err(),
         }
@@ -145,7 +148,7 @@ mod tests {
     use std::path::Path;
 
     fn vitals() -> Arc<Vitals> {
-        Vitals::new("one".into(), Arc::new(|_| {}))
+        Vitals::new("one".into(), Arc::new(|_, _| {}))
     }
 
     #[test]

@@ -2,9 +2,9 @@
 
 use super::sessions::{Session, Sessions, set_aside};
 use super::vitals::Vitals;
-use crate::explained;
 use crate::open::{OpenedMap, open_map};
 use crate::run::Resume;
+use crate::{Level, explained};
 use map::Map;
 use slam_direct::ResumeMode;
 use std::collections::BTreeSet;
@@ -36,7 +36,7 @@ pub fn find_map(
             return None;
         }
         if !history.allows(session.number) {
-            vitals.report(&format!(
+            vitals.report(Level::Warn, &format!(
                 "session {}: {} starts read its map and did not come to their first frame; it is left as it is",
                 session.number, history.readings
             ));

@@ -9,10 +9,10 @@ use super::pulse::Pulse;
 use super::resuming::{MapToResume, find_map};
 use super::sessions::{Session, Sessions};
 use super::vitals::{Report, SessionProgress, Vitals, Why};
-use crate::explained;
 use crate::open::recording_name;
 use crate::results::is_of_the_disk;
 use crate::run::{PreparedRun, Recording, RunOptions};
+use crate::{Level, explained};
 use anyhow::{Context, Error, Result};
 use slam_direct::Params;
 use sources::ahead::Pace;
@@ -113,7 +113,7 @@ impl Agent<'_> {
             };
             if self.stop.requested() {
                 if let Err(error) = ended {
-                    self.vitals.report(&explained(&error));
+                    self.vitals.report(Level::Error, &explained(&error));
                 }
                 return Ok(Over::Stopped);
             }
@@ -224,7 +224,7 @@ impl Agent<'_> {
             options.without_calibration(source.info(), again, None, stop, &progress)?;
         }
         let run = PreparedRun::new(source, options)?;
-        run.problems().iter().for_each(|problem| self.vitals.report(problem));
+        run.problems().iter().for_each(|problem| self.vitals.report(Level::Warn, problem));
         let run = self.pairing.publish_run(run)?;
         let watched = |about: &_, frames, button| {
             self.vitals.now().button = Some(button);
@@ -234,7 +234,7 @@ impl Agent<'_> {
             Ok(watch)
         };
         let mapped = run.go(watched, stop, &progress)?;
-        mapped.apart.iter().for_each(|apart| self.vitals.report(apart));
+        mapped.apart.iter().for_each(|apart| self.vitals.report(Level::Warn, apart));
         match mapped.failure {
             Some(failure) => Err(Error::msg(failure)),
             None => Ok(()),
@@ -252,9 +252,10 @@ impl Agent<'_> {
             self.sessions.keep_history(&self.sessions.history().without_maps_until(session));
         }
         let next = if is_large { "a new map is begun" } else { "the next session goes on in its map" };
-        self.vitals.report(&format!(
-            "memory has come to limits.memory_mib = {limit}: session {session} is saved, {next}"
-        ));
+        self.vitals.report(
+            Level::Info,
+            &format!("memory has come to limits.memory_mib = {limit}: session {session} is saved, {next}"),
+        );
         if frames < WENT_WELL {
             self.vitals.trouble(&format!("limits.memory_mib = {limit} is too little for a map to grow"));
             self.vitals.enter(State::Failing);

@@ -1,6 +1,7 @@
 //! What is known of a running agent at any moment: what its threads tell, and what the heartbeat is made of.
 
 use super::heartbeat::{Heartbeat, State};
+use crate::Level;
 use crate::run::{FrameRow, Progress, RunRecord};
 use slam_direct::TrackingState;
 use sources::Stop;
@@ -11,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 /// Tells people what happens.
-pub type Report = Arc<dyn Fn(&str) + Send + Sync>;
+pub type Report = Arc<dyn Fn(Level, &str) + Send + Sync>;
 
 /// Why a session is ended before its source ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,13 +97,13 @@ impl Vitals {
     }
 
     /// Tells people.
-    pub fn report(&self, text: &str) {
-        (self.report)(text);
+    pub fn report(&self, level: Level, text: &str) {
+        (self.report)(level, text);
     }
 
     /// Something went wrong: tells people, and keeps it for the heartbeat.
     pub fn trouble(&self, text: &str) {
-        self.report(text);
+        self.report(Level::Warn, text);
         self.now().beat.last_error = Some(text.to_owned());
     }
 
@@ -139,7 +140,7 @@ impl Vitals {
         drop(now);
         let map =
             continues.map_or("with a new map".into(), |map| format!("and goes on in {}", map.display()));
-        self.report(&format!("session {number} begins in {} {map}", folder.display()));
+        self.report(Level::Info, &format!("session {number} begins in {} {map}", folder.display()));
         session
     }
 
@@ -233,7 +234,7 @@ impl Progress for SessionProgress<'_> {
             now.beat.keyframes = keyframes as u64;
             (now.session_frames == 1, now.follow_losses(row.state))
         };
-        of_losses.iter().for_each(|text| self.vitals.report(text));
+        of_losses.iter().for_each(|text| self.vitals.report(Level::Warn, text));
         if is_first {
             self.vitals.now().first_memory = view::process::memory_bytes();
             (self.begun)();
@@ -254,10 +255,10 @@ impl Progress for SessionProgress<'_> {
                     now.waits_for = None;
                     now.enter(State::Starting);
                 }
-                self.vitals.report(text);
+                self.vitals.report(Level::Info, text);
             }
             Notice::Warning(text) => self.warn(text),
-            Notice::Note(text) => self.vitals.report(text),
+            Notice::Note(text) => self.vitals.report(Level::Info, text),
         }
     }
 
@@ -280,10 +281,11 @@ impl Progress for SessionProgress<'_> {
     }
 
     fn note(&self, text: &str) {
-        self.vitals.report(text);
+        self.vitals.report(Level::Info, text);
     }
 
-    fn stage(&self, _text: &str) {
+    fn stage(&self, text: &str) {
+        self.vitals.report(Level::Debug, text);
         self.vitals.enter(State::Saving);
     }
 
@@ -291,7 +293,8 @@ impl Progress for SessionProgress<'_> {
         let (frames, keyframes) = (&record.frames, record.map.keyframes);
         let (folder, tracked) = (folder.display(), frames.tracked);
         let taken = frames.offered - frames.dropped_late;
-        self.vitals.report(&format!("{folder}: {tracked} of {taken} frames tracked, {keyframes} keyframes"));
+        let text = format!("{folder}: {tracked} of {taken} frames tracked, {keyframes} keyframes");
+        self.vitals.report(Level::Info, &text);
     }
 }
 
@@ -301,7 +304,7 @@ mod tests {
 
     #[test]
     fn trouble_is_reported_and_forgotten() {
-        let vitals = Vitals::new("one".into(), Arc::new(|_| {}));
+        let vitals = Vitals::new("one".into(), Arc::new(|_, _| {}));
         let nothing = || {};
         let progress = SessionProgress { vitals: &vitals, begun: &nothing };
         assert!(vitals.heartbeat().healthy);
@@ -323,7 +326,7 @@ mod tests {
         let lines = Arc::new(Mutex::new(Vec::new()));
         let log = Arc::clone(&lines);
         let vitals =
-            Vitals::new("one".into(), Arc::new(move |text| log.lock().unwrap().push(text.to_owned())));
+            Vitals::new("one".into(), Arc::new(move |_, text| log.lock().unwrap().push(text.to_owned())));
         vitals.begin(2, Path::new("out/000002"), Some(Path::new("out/000001/map.mcap")));
         let mut now = vitals.now();
         assert_eq!(now.follow_losses(TrackingState::Lost), None, "it may be found at once");
@@ -342,7 +345,7 @@ mod tests {
 
     #[test]
     fn the_first_reason_to_end_a_session_counts() {
-        let vitals = Vitals::new("one".into(), Arc::new(|_| {}));
+        let vitals = Vitals::new("one".into(), Arc::new(|_, _| {}));
         let stop = vitals.begin(1, Path::new("000001"), None);
         vitals.end_session(Why::Memory);
         vitals.end_session(Why::Stop);

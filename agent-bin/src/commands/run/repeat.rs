@@ -3,7 +3,7 @@
 use super::RunArgs;
 use super::images::over_images;
 use crate::commands::eval_table::{self, Form, Runs};
-use crate::console::tell;
+use crate::console::warning;
 use anyhow::{Result, bail};
 use eval::Options;
 use sources::Stop;
@@ -24,7 +24,7 @@ pub(super) fn repeat(mut args: RunArgs, count: u32, stop: &Stop) -> Result<()> {
         match over_images(&args, stop) {
             Ok(()) => made.push(out),
             Err(error) => {
-                tell!("warning: {}: {error:#}", out.display());
+                warning!("{}: {error:#}", out.display());
                 failed += 1;
             }
         }
