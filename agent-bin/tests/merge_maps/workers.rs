@@ -140,7 +140,7 @@ fn a_log_has_times_and_levels_and_what_is_chosen() {
         "{debug}"
     );
     assert!(debug.contains(" INFO  left + right: accepted"), "{debug}");
-    assert!(debug.contains(" WARN  left out: ") && debug.contains("; hint: "), "{debug}");
+    assert!(debug.contains(" WARN  left out: "), "{debug}");
     // The flag comes before the variable.
     let (warn, _) = log("warn", "debug");
     assert!(levels(&warn).iter().all(|level| ["WARN", "ERROR"].contains(level)), "{warn}");
@@ -148,7 +148,7 @@ fn a_log_has_times_and_levels_and_what_is_chosen() {
     assert_eq!(levels(&by_variable), ["ERROR"], "{by_variable}");
     // Without both as people read it.
     let (plain, _) = log("", "");
-    assert!(plain.contains("\nwarning: left out: ") && plain.contains("\nerror: not all pairs"), "{plain}");
+    assert!(plain.starts_with("warning: left out: ") && plain.contains("\nerror: not all pairs"), "{plain}");
     assert!(plain.contains("\nleft + right: accepted") && !plain.contains("looking where"), "{plain}");
     for (level, variable) in [("loud", ""), ("", "loud")] {
         let (refused, code) = log(level, variable);

@@ -6,7 +6,7 @@ use crate::report::MISSING;
 use measuring::median;
 use std::fmt::Write;
 
-/// Metres within which frames that come back are found, where a loop is closed rightly: 0.4 % of the way.
+/// Metres within which frames that come back are found, where a drive is right: 0.4 % of the way.
 const GAP: f64 = 1.0;
 
 /// One line for the terminal.
@@ -68,9 +68,9 @@ fn loops(outcomes: &[Outcome]) -> String {
         return String::new();
     }
     let mut text = format!(
-        "\nDrives that come back. *Closed*: a loop is closed, and frames at the end are found within {GAP} m of where they are, from the nearest frame \
-         at the begin. *Wrongly*: a loop is closed, and they are not.\n\n\
-         | drive | drives | closed | wrongly | gap: median, most |\n|---|---|---|---|---|\n"
+        "\nDrives that come back. *Right*: frames at the end are found within {GAP} m of where they are, from the nearest frame at the begin; \
+         either their points are tracked again, or a loop is closed. *Wrongly*: a loop is closed, and they are not.\n\n\
+         | drive | drives | right | of these by a loop | wrongly | gap: median, most |\n|---|---|---|---|---|---|\n"
     );
     for (row, own) in &rows {
         let count =
@@ -81,8 +81,9 @@ fn loops(outcomes: &[Outcome]) -> String {
         let metres = |gap: Option<f64>| gap.map_or(MISSING.to_owned(), |gap| format!("{gap:.2} m"));
         let _ = writeln!(
             text,
-            "| {row} | {} | {} | {} | {}, {} |",
+            "| {row} | {} | {} | {} | {} | {}, {} |",
             own.len(),
+            count(&is_near),
             count(&|returned| returned.loops > 0 && is_near(returned)),
             count(&|returned| returned.loops > 0 && !is_near(returned)),
             metres(median(gaps)),
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn a_drive_that_comes_back_is_closed_rightly_wrongly_or_not() {
+    fn a_drive_that_comes_back_is_right_by_a_loop_or_without_or_wrong() {
         let outcome = |loops, gap| Outcome {
             kind: Kind::Loop(Return::MetreAside),
             seed: 1,
@@ -155,7 +156,7 @@ mod tests {
         };
         let outcomes =
             [outcome(2, Some(0.1)), outcome(1, Some(7.0)), outcome(0, Some(0.4)), outcome(0, None)];
-        let row = "| round a block, back a metre aside | 4 | 1 | 1 | 0.40 m, 7.00 m |";
+        let row = "| round a block, back a metre aside | 4 | 2 | 1 | 1 | 0.40 m, 7.00 m |";
         let text = section(&outcomes, &[1]);
         assert!(text.contains(row), "{text}");
     }
