@@ -189,8 +189,8 @@ mod tests {
     #[test]
     fn three_points_in_one_direction_have_no_pose() {
         let ray = Vector3::new(-0.24479166666666669, 0.40937500000000004, 1.0);
-        let seen = [0.67291666666666672, 0.80625000000000024, 0.93958333333333344]
-            .map(|x| Sighting { point: Vector3::new(x, -0.36875000000000008, 2.0000000000000004), ray });
+        let seen = [0.6729166666666667, 0.8062500000000002, 0.9395833333333334]
+            .map(|x| Sighting { point: Vector3::new(x, -0.3687500000000001, 2.0000000000000004), ray });
         assert!(p3p([&seen[0], &seen[1], &seen[2]]).is_empty());
     }
 

@@ -103,8 +103,11 @@ fn a_map_is_sent_from_peer_to_peer_by_tls() {
     assert_eq!(agent_there.status().neighbours[0].name, "Station");
 }
 
+/// Links of their own with their events, and the number of the one that was dialled.
+type Dialled = (Tcp, Receiver<Event>, u64);
+
 /// Links of their own, dialled to a node.
-fn dialled(at: &Endpoint, keys: Option<&Keys>) -> (Tcp, Receiver<Event>, u64) {
+fn dialled(at: &Endpoint, keys: Option<&Keys>) -> Dialled {
     let (events, happened) = channel();
     let tcp = Tcp::start(None, std::slice::from_ref(at), keys, events).unwrap();
     let Ok(Event::Up { link, .. }) = happened.recv_timeout(Duration::from_secs(20)) else {
@@ -114,7 +117,7 @@ fn dialled(at: &Endpoint, keys: Option<&Keys>) -> (Tcp, Receiver<Event>, u64) {
 }
 
 /// One that listens, and one that has dialled it; with keys where the link is to be secure.
-fn both_ends(secure: bool) -> ((Tcp, Receiver<Event>), (Tcp, Receiver<Event>, u64)) {
+fn both_ends(secure: bool) -> ((Tcp, Receiver<Event>), Dialled) {
     let keys = secure.then(|| keys(["a", "b"]));
     let [a, b] = [0, 1].map(|number| keys.as_ref().map(|keys| &keys[number]));
     let at: Endpoint = if secure { "tls/127.0.0.1:0" } else { "tcp/127.0.0.1:0" }.parse().unwrap();
