@@ -129,7 +129,7 @@ impl Assembler {
             missing += usize::from(found.is_none());
             let found = match found {
                 Some((parts, keyframe)) => Some((Some(parts), keyframe)),
-                None => self.stand_in(id, &objects, &blank)?.map(|keyframe| (None, keyframe)),
+                None => self.placeholder(id, &objects, &blank)?.map(|keyframe| (None, keyframe)),
             };
             let Some((parts, keyframe)) = found else { continue };
             let placed = Keyframe { world_from_keyframe: *pose, ..keyframe.clone() };
@@ -195,7 +195,7 @@ impl Assembler {
     }
 
     /// A keyframe at the world's origin that has a blank image and no depth; `None` while its digest is not here.
-    fn stand_in(
+    fn placeholder(
         &mut self,
         id: KeyframeId,
         objects: &Listed,

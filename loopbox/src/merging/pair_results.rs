@@ -201,8 +201,8 @@ mod tests {
         PairResult { target, source, proposed: source, tested, joined, error, seconds, seen }
     }
 
-    /// All that is said of pairs that are not joined.
-    fn said(pair_results: &PairResults) -> Vec<([usize; 2], usize, Vec<TestedPlace>)> {
+    /// What pairs that are not joined hold.
+    fn contents(pair_results: &PairResults) -> Vec<([usize; 2], usize, Vec<TestedPlace>)> {
         pair_results.iter().map(|one| ([one.target, one.source], one.proposed, one.tested.to_vec())).collect()
     }
 
@@ -221,7 +221,7 @@ mod tests {
         assert!(swap.on_disk() > 0, "nothing is on the disk");
         assert!(resting.pairs.values().all(|kept| kept.pair_result.tested.is_empty()), "it is in memory too");
         assert_eq!(resting.len(), 80 * 79 / 2);
-        assert!(said(&resting) == said(&in_memory));
+        assert!(contents(&resting) == contents(&in_memory));
         assert_eq!(resting.seconds(), in_memory.seconds());
         // In place of what was known.
         resting.insert(strangers([7, 3], 2));

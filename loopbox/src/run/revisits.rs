@@ -68,7 +68,7 @@ fn merging() -> MergingParams {
 
 /// Pairs of keyframes that may show one place and are not known to, by the features that they share, most first.
 fn proposals(input: &Input, vocabulary: &Arc<Vocabulary>, params: &ClosingParams) -> Vec<Proposal> {
-    let (joined, way) = (Joined::of(&input.map), Way::of(&input.map));
+    let (joined, trajectory) = (Joined::of(&input.map), Trajectory::of(&input.map));
     let mut index = BowIndex::new(Arc::clone(vocabulary), Default::default());
     let mut found = Vec::new();
     let mut waiting = input.words.iter();
@@ -82,7 +82,7 @@ fn proposals(input: &Input, vocabulary: &Arc<Vocabulary>, params: &ClosingParams
         let depth = keyframe.and_then(|k| Some(k.semi_dense.median_depth()? * k.world_from_keyframe.scale));
         let Some(distance) = depth else { continue };
         let near = joined.near(query);
-        let may_meet = |old| way.may_meet(old, query, distance, params.max_drift);
+        let may_meet = |old| trajectory.may_meet(old, query, distance, params.max_drift);
         let places = index.query_among(words, PROPOSED, &|old| !near.contains(&old) && may_meet(old));
         let proposal = |place: PlaceCandidate| Proposal {
             keyframe: place.keyframe,
@@ -98,10 +98,10 @@ fn proposals(input: &Input, vocabulary: &Arc<Vocabulary>, params: &ClosingParams
     found
 }
 
-/// Where each keyframe of a map is, and the length of the way there from the first, world units.
-struct Way(BTreeMap<KeyframeId, (Vector3<f64>, f64)>);
+/// Where each keyframe of a map is, and the length of the path to it from the first, world units.
+struct Trajectory(BTreeMap<KeyframeId, (Vector3<f64>, f64)>);
 
-impl Way {
+impl Trajectory {
     fn of(map: &Map) -> Self {
         let (mut length, mut before) = (0.0, None);
         let mut at = |keyframe: &Keyframe| {
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn more_drift_than_the_way_explains_closes_nothing() {
+    fn more_drift_than_the_path_explains_closes_nothing() {
         let (map, _) = round(0.03);
         let params = ClosingParams { max_drift: 0.005, ..ClosingParams::default() };
         let poses = |map: &Map| map.keyframes.values().map(|k| k.world_from_keyframe).collect::<Vec<_>>();

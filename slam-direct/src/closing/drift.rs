@@ -34,7 +34,7 @@ pub(super) fn in_world_units(map: &LocalMap, to: usize, from: usize, to_from_fro
     )
 }
 
-/// Compares a measured similarity with the map; refuses more drift than the way explains.
+/// Compares a measured similarity with the map; refuses more drift than the path explains.
 pub(super) fn check(
     map: &LocalMap,
     current: usize,
@@ -55,7 +55,7 @@ pub(super) fn check(
 }
 
 impl Drift {
-    /// Refuses more drift than the way explains.
+    /// Refuses more drift than the path explains.
     fn check(self, params: &ClosingParams) -> Result<(), Self> {
         let in_bounds = self.translation <= params.max_drift * self.path_length
             && self.rotation_drift <= params.max_rotation

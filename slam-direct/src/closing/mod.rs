@@ -252,7 +252,7 @@ impl LoopCloser {
 /// minimum of the Sim(3) pose graph, and the edges stay in the map as those of a loop.
 ///
 /// # Errors
-/// When an edge reveals more drift than the way between its keyframes explains, or the rest of the graph contradicts one; the
+/// When an edge reveals more drift than the path between its keyframes explains, or the rest of the graph contradicts one; the
 /// map is as it was.
 pub fn close_loop(map: &mut Map, edges: Vec<Edge>, params: &ClosingParams) -> Result<(), NoLoop> {
     let edges: Vec<Edge> = edges.into_iter().map(|edge| Edge { kind: EdgeKind::Loop, ..edge }).collect();

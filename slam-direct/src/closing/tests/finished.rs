@@ -77,12 +77,12 @@ fn a_loop_spreads_its_drift_and_stays_an_edge_of_the_map() {
 }
 
 #[test]
-fn a_loop_that_the_way_does_not_explain_changes_nothing() {
+fn a_loop_that_the_path_does_not_explain_changes_nothing() {
     let (mut map, truth) = round(&Sim3::identity());
     let poses = |map: &Map| map.keyframes.values().map(|k| k.world_from_keyframe).collect::<Vec<_>>();
     let (before, edges) = (poses(&map), map.edges.clone());
     let mut elsewhere = seen(&truth);
-    // A fifth of the way off, and 40° turned.
+    // A fifth of the path off, and 40° turned.
     for twist in [[6.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.7, 0.0, 0.0]] {
         elsewhere.from_from_to = Sim3::exp(&SVector::from(twist)) * seen(&truth).from_from_to;
         let refused = close_loop(&mut map, vec![elsewhere.clone()], &ClosingParams::default());
