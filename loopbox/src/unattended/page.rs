@@ -2,7 +2,6 @@
 
 use super::config::PageConfig;
 use super::vitals::Vitals;
-use crate::Level;
 use anyhow::Result;
 use map::AgentInfo;
 use std::sync::Arc;
@@ -29,7 +28,7 @@ impl Page {
             (beat.healthy, beat.text().unwrap_or_default())
         };
         let server = Server::with_health(address, Box::new(health))?;
-        vitals.report(Level::Info, &format!("watch at {}", server.url()));
+        vitals.report(crate::Level::Info, &format!("watch at {}", server.url()));
         Ok(Self(Some(server)))
     }
 
