@@ -27,22 +27,19 @@ const ROUNDS: usize = 2;
 const FUTILE: usize = 5;
 
 /// Closes the loops of a map that features find and that stand the tests of a merge. Maps of several agents stay as they are.
-pub fn closed(map: Map, params: &ClosingParams, progress: &dyn Progress) -> Map {
+pub fn closed(mut map: Map, params: &ClosingParams, progress: &dyn Progress) -> Map {
     if !params.enabled || map.agents.len() != 1 || map.keyframes.len() <= params.search.min_gap as usize {
         return map;
     }
     let vocabulary = Vocabulary::shipped();
-    let input = match Input::of(map, Path::new(""), &vocabulary) {
-        Ok(input) => input,
-        Err(refused) => return *refused.map,
-    };
+    // Of a copy, whose keyframes are given words: without a loop the map stays as it is, to the last byte.
+    let Ok(input) = Input::of(map.clone(), Path::new(""), &vocabulary) else { return map };
     let mut proposals = proposals(&input, &vocabulary, params);
     if proposals.is_empty() {
-        return Arc::unwrap_or_clone(input.map);
+        return map;
     }
     progress.stage("looking for places that were seen twice");
     let merging = merging();
-    let mut map = Map::clone(&input.map);
     let mut futile = 0;
     while let Some(best) = proposals.first().copied().filter(|_| futile < FUTILE) {
         let ends = Ends::of(&map, &best);
