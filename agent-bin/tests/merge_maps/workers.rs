@@ -3,7 +3,7 @@
 use crate::support::{Case, Runs, arg, loopbox};
 use std::collections::BTreeMap;
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -92,12 +92,18 @@ fn two_workers_share_a_store_one_is_killed_and_a_map_comes_later() {
     assert!(map == same, "another map");
 }
 
-#[test]
-fn a_worker_that_is_to_end_names_what_it_left_out() {
-    let (runs, case) = (Runs::get(), Case::new());
-    let store = case.path("store");
+/// A store of two maps that join and of a text that is none.
+fn with_a_text(case: &Case) -> PathBuf {
+    let (runs, store) = (Runs::get(), case.path("store"));
     ["left", "right"].iter().for_each(|name| put(runs, &store, name));
     fs::write(store.join("maps/text.mcap"), "no map").unwrap();
+    store
+}
+
+#[test]
+fn a_worker_that_is_to_end_names_what_it_left_out() {
+    let case = Case::new();
+    let store = with_a_text(&case);
     let outcome = loopbox(&["worker", "--store", arg(&store), "--once"]);
     outcome.assert_refused(&["not all pairs could be judged", "text.mcap"]);
     assert!(outcome.stderr.contains("left + right: accepted"), "{outcome:#?}");
@@ -118,10 +124,8 @@ fn levels(log: &str) -> Vec<&str> {
 
 #[test]
 fn a_log_has_times_and_levels_and_what_is_chosen() {
-    let (runs, case) = (Runs::get(), Case::new());
-    let store = case.path("store");
-    ["left", "right"].iter().for_each(|name| put(runs, &store, name));
-    fs::write(store.join("maps/text.mcap"), "no map").unwrap();
+    let case = Case::new();
+    let store = with_a_text(&case);
     let log = |level: &str, variable: &str| {
         // Each finds the verdict itself.
         let _ = fs::remove_dir_all(store.join("verdicts"));

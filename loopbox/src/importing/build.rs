@@ -60,7 +60,7 @@ pub(super) fn keyframe(posed: &Posed, (image, color): (GrayImage, Option<Color>)
 /// The depths of a depth image where the image has contrast, as a map has them. `distance` is that along the optical axis
 /// of a pixel of the undistorted image, `None` where there is none; `deviation` the standard deviation of such an inverse
 /// depth.
-pub(super) fn semi_dense(
+pub(crate) fn semi_dense(
     image: &GrayImage,
     valid: &Image<bool>,
     distance: impl Fn(usize, usize) -> Option<f64>,

@@ -12,6 +12,8 @@ use crate::open::recording_name;
 use crate::run::find_features;
 use anyhow::{Context, Result, bail};
 use build::Built;
+#[cfg(test)]
+pub(crate) use build::semi_dense;
 use map::{AgentInfo, Identity, Map};
 use std::path::{Path, PathBuf};
 

@@ -68,12 +68,11 @@ fn proposals(input: &Input, vocabulary: &Arc<Vocabulary>, params: &ClosingParams
     let (joined, trajectory) = (Joined::of(&input.map), Trajectory::of(&input.map));
     let mut index = BowIndex::new(Arc::clone(vocabulary), Default::default());
     let mut found = Vec::new();
-    let mut waiting = input.words.iter();
+    let mut waiting = input.words.iter().peekable();
     for (&query, words) in input.words.iter() {
         let is_old = |old: KeyframeId| query.0 >= old.0 + params.search.min_gap;
-        while let Some((&old, words)) = waiting.clone().next().filter(|(old, _)| is_old(**old)) {
+        while let Some((&old, words)) = waiting.next_if(|(old, _)| is_old(**old)) {
             index.add(old, words);
-            waiting.next();
         }
         let keyframe = input.map.keyframes.get(&query);
         let depth = keyframe.and_then(|k| Some(k.semi_dense.median_depth()? * k.world_from_keyframe.scale));
@@ -192,13 +191,12 @@ fn part(map: &Map, keyframes: &BTreeSet<KeyframeId>) -> Map {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::importing::semi_dense;
     use crate::run::progress::Silent;
-    use geometry::{Pinhole, Se3, Sim3};
-    use loopbox_tests::render;
-    use loopbox_tests::{World, trajectory};
-    use map::{EdgeKind, SemiDense};
+    use geometry::{Image, Pinhole, Se3, Sim3};
+    use loopbox_tests::{World, render, trajectory};
+    use map::EdgeKind;
     use nalgebra::UnitQuaternion;
-    use slam_direct::{DepthParams, candidate_pixels};
 
     const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 260.0, fy: 260.0, cx: 159.5, cy: 119.5 };
 
@@ -209,6 +207,7 @@ mod tests {
         let truth = trajectory::orbit(46, 4.0, 1.1);
         let mut map = Map::new(CAMERA);
         let mut pose = truth[0];
+        let everywhere = Image::filled(CAMERA.width, CAMERA.height, true);
         for (number, seen) in truth.iter().enumerate() {
             if number > 0 {
                 let step = truth[number - 1].inverse() * *seen;
@@ -216,15 +215,11 @@ mod tests {
                 pose = pose * Se3::new(turn * step.rotation, step.translation * (1.0 + drift));
             }
             let (image, inverse_depth) = render(&world, &CAMERA, seen);
-            let mut depths = SemiDense::default();
-            for pixel in candidate_pixels(&image, &DepthParams::default()) {
-                let depth = inverse_depth.data()[pixel as usize];
-                if depth > 0.0 {
-                    depths.pixel.push(pixel);
-                    depths.inverse_depth.push(depth);
-                    depths.variance.push((0.01 * depth).powi(2));
-                }
-            }
+            let distance = |x, y| {
+                let inverse_depth = inverse_depth.get(x, y);
+                (inverse_depth > 0.0).then(|| f64::from(inverse_depth).recip())
+            };
+            let depths = semi_dense(&image, &everywhere, distance, |inverse_depth| 0.01 * inverse_depth);
             let id = KeyframeId(number as u32);
             let mut keyframe =
                 Keyframe::of_image(id, number as f64, number as u64, Sim3::from(pose), image.into());
