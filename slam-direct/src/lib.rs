@@ -19,6 +19,7 @@ mod closing;
 mod dense;
 mod depth;
 mod exposure;
+mod frame;
 mod judge;
 mod keyframes;
 mod local_map;
@@ -48,8 +49,7 @@ mod wide;
 mod window;
 
 pub use agent::{
-    Agent, AgentError, Claim, Frame, FrameReport, Joint, LazyColor, LossReason, ResumeMode, TrackingState,
-    edges_of, optimise_jointly,
+    Agent, AgentError, Claim, FrameReport, Joint, ResumeMode, TrackingState, edges_of, optimise_jointly,
 };
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
@@ -58,6 +58,7 @@ pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
     has_hardly_any as has_hardly_any_depth,
 };
+pub use frame::{Frame, LazyColor, LossReason};
 pub use judge::{ClaimedPlace, JudgePlace, PlacedView};
 pub use mask::LeftOut;
 pub use params::Params;

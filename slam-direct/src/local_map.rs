@@ -2,7 +2,6 @@
 
 use crate::align::ReferencePoint;
 use crate::mask::Mask;
-use crate::track::Matched;
 use geometry::sensor::{Sensor, Twist};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3, median};
 use map::{KeyframeId, Shared};
@@ -58,6 +57,19 @@ pub(crate) struct SeenAt {
 pub(crate) struct PointRef {
     pub host: usize,
     pub index: usize,
+}
+
+/// A map point found in a frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Matched {
+    pub at: PointRef,
+    pub pixel: [f32; 2],
+    pub information: [f32; 3],
+    pub rmse: f32,
+    /// Squared normalised residual under the frame's pose.
+    pub squared: f64,
+    /// Whether it agrees with that pose.
+    pub inlier: bool,
 }
 
 /// A frame close to a keyframe, kept until the keyframe's semi-dense depth is computed: its short baseline

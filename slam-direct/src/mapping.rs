@@ -1,9 +1,9 @@
 //! The work after a new keyframe: new points, the joint optimisation around it, culling.
 
 use crate::align::ReferencePoint;
-use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
+use crate::local_map::{KeyframeState, LocalMap, Matched, PointRef, PointState, SeenAt};
 use crate::select::select;
-use crate::track::{Matched, TrackParams};
+use crate::track::TrackParams;
 use crate::triangulate::{TriangulateParams, Triangulator};
 use crate::window::{Limits, Problem, solve_within, variances_by_poses};
 use backend::params;

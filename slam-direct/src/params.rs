@@ -1,9 +1,9 @@
 //! All parameters of the agent, gathered.
 
 use crate::align::AlignParams;
-use crate::atlas::AtlasParams;
-use crate::bootstrap::BootstrapParams;
-use crate::closing::ClosingParams;
+use crate::atlas::params::AtlasParams;
+use crate::bootstrap::params::BootstrapParams;
+use crate::closing::params::ClosingParams;
 use crate::depth::DepthParams;
 use crate::keyframes::KeyframeParams;
 use crate::mapping::MappingParams;

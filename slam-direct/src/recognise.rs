@@ -5,8 +5,8 @@
 //! later. A proposal is no more than that: the agent searches the points of its map around it, as strictly as after a
 //! loss.
 
-use crate::agent::Frame;
 use crate::background::Task;
+use crate::frame::Frame;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{KeyframeId, SemiDense, Shared};
 use std::sync::Arc;

@@ -5,9 +5,9 @@
 //! second one to what does not agree with the first (sequential consensus: Torr and Murray, *Stochastic motion clustering*, 1994), by what each point
 //! was found with: the information that [`refine_pose`](crate::track::refine_pose) lowers to what the frame shows hides the difference.
 
-use crate::local_map::LocalMap;
+use crate::local_map::{LocalMap, Matched};
 use crate::params::Params;
-use crate::track::{INLIER, Matched, TRACKING, View, world_point};
+use crate::track::{INLIER, TRACKING, View, world_point};
 use crate::window::SeenPoint;
 use geometry::{Pinhole, Se3};
 use std::collections::BTreeMap;

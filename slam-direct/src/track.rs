@@ -9,7 +9,7 @@ pub(crate) use pose::{
 };
 
 use crate::align::{AlignmentReference, Brightness};
-use crate::local_map::{LocalMap, PointRef};
+use crate::local_map::{LocalMap, Matched, PointRef};
 use crate::patch::Template;
 use crate::warp::Warp;
 use backend::params;
@@ -55,19 +55,6 @@ params! {
         /// jolt 0.24; of a lorry over two fifths of the view that drives off 0.3.
         pub max_rival: f32 = 0.2,
     }
-}
-
-/// A map point found in a frame.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Matched {
-    pub at: PointRef,
-    pub pixel: [f32; 2],
-    pub information: [f32; 3],
-    pub rmse: f32,
-    /// Squared normalised residual under the frame's pose.
-    pub squared: f64,
-    /// Whether it agrees with that pose.
-    pub inlier: bool,
 }
 
 /// A point to look for: where it should be and how it should look.

@@ -6,8 +6,8 @@ mod seen;
 
 pub(crate) use located::{Located, match_keyframe};
 
-use crate::agent::LossReason;
 use crate::align::{AlignmentReference, Brightness};
+use crate::frame::LossReason;
 use crate::local_map::LocalMap;
 use crate::params::Params;
 use crate::rival::Evidence;

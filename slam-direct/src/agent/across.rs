@@ -5,10 +5,9 @@
 //! other's showed nothing of where they are.
 
 use crate::closing::match_side;
-use crate::local_map::LocalMap;
+use crate::local_map::{LocalMap, Matched};
 use crate::mapping;
 use crate::params::Params;
-use crate::track::Matched;
 use map::{AgentId, Map};
 use rayon::prelude::*;
 

@@ -1,7 +1,7 @@
 //! A pose that no motion leads to is a claim, and on trial. Its frames are not published and make no keyframes until
 //! the frames that follow have decided whether they show the place.
 
-use super::{Agent, FrameReport, LossReason, ResumeMode, State, TrackingState};
+use super::{Agent, Claim, FrameReport, LossReason, ResumeMode, State, TrackingState};
 use crate::background::Task;
 use crate::judge::{ClaimedPlace, JudgePlace, PlacedView};
 use crate::local_map::LocalMap;
@@ -25,19 +25,6 @@ const AGAIN: f64 = 1.5;
 const SHARING: usize = 6;
 /// Keyframes before and after these by which it is told how the map sees its own surface.
 const AROUND: usize = 10;
-
-/// The state of a claim after a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Claim {
-    /// It is on trial.
-    Pending,
-    /// It is the place; the poses of the frames since it was found are in the map.
-    Accepted,
-    /// It is another place.
-    Refused,
-    /// The frames so far do not decide; it stays on trial.
-    Undecided,
-}
 
 /// A claim on trial.
 pub(super) struct Trial {

@@ -2,7 +2,8 @@
 //! would be. When two such keyframes agree on the relative pose of the fragments, their maps become one.
 
 use super::Atlas;
-use crate::agent::{AgentError, Frame, FrameReport, Joining, Sighting, TrackingState};
+use crate::agent::{AgentError, FrameReport, Joining, Sighting, TrackingState};
+use crate::frame::Frame;
 use crate::recognise::Answer;
 use std::collections::BTreeMap;
 

@@ -1,8 +1,8 @@
 //! Finding the points of one side of a loop in the keyframes of the other.
 
-use crate::local_map::{LocalMap, PointRef};
+use crate::local_map::{LocalMap, Matched, PointRef};
 use crate::mapping;
-use crate::track::{self, Matched, TrackParams, View};
+use crate::track::{self, TrackParams, View};
 use geometry::Se3;
 
 /// Points of some keyframes found in another, and the pose that agrees best with them.

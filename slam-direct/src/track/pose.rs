@@ -1,7 +1,7 @@
 //! A frame's pose by the points that are matched in it: refined by their reprojection errors, with its covariance.
 
-use super::{Matched, TrackParams, View};
-use crate::local_map::LocalMap;
+use super::{TrackParams, View};
+use crate::local_map::{LocalMap, Matched};
 use crate::window::{
     PoseSolver, SeenPoint, covariance, mahalanobis, predict, robust_covariance, robust_weight,
 };

@@ -2,11 +2,11 @@
 
 use super::NEAR;
 use crate::align::{Alignment, AlignmentReference, Brightness, ReferencePoint};
-use crate::local_map::{LocalMap, PointRef};
+use crate::local_map::{LocalMap, Matched, PointRef};
 use crate::params::Params;
 use crate::relocalise::relocalise;
 use crate::rival::second_motion;
-use crate::track::{self, Matched, Near, View};
+use crate::track::{self, Near, View};
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3, median};
 use map::PlaceIndex;

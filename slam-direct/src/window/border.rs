@@ -1,14 +1,18 @@
 //! The part of the normal equations that couples the sensor with poses and depths: a few dense columns beside the sparse
 //! system, solved for by its Schur complement.
 
-use super::calibration::{ByUnknowns, Calibration};
-use super::pairs::Pairs;
-use super::problem::Prediction;
+use super::calibration::Calibration;
+use super::cost::Prediction;
+use super::pairs::{Pairs, Relative};
+use super::problem::WindowPoint;
 use backend::BlockSystem;
+use geometry::Pinhole;
 use geometry::sensor::UNKNOWNS;
 use nalgebra::{Matrix2, Matrix6, SMatrix, SVector, Vector2, Vector6};
 
 type Unknowns = SVector<f64, UNKNOWNS>;
+/// Derivative of a residual by the unknowns of the sensor, a column each.
+type ByUnknowns = SMatrix<f64, 2, UNKNOWNS>;
 type PoseByUnknowns = SMatrix<f64, 6, UNKNOWNS>;
 
 /// The columns of the sensor's unknowns.
@@ -146,6 +150,39 @@ impl Border {
     /// What a step of the unknowns adds to a point's gradient.
     pub fn of_depth(&self, point: usize, sensor: &[f64; UNKNOWNS]) -> f64 {
         self.depths[point].dot(&Unknowns::from(*sensor))
+    }
+}
+
+impl Calibration {
+    /// Derivative by the unknowns of an observation's residual, brought back to pixels of the image: a lens that makes the
+    /// image smaller does not make its errors smaller. `host` is [what its point's host says](Self::host_by_unknowns).
+    pub fn by_unknowns(
+        &self,
+        camera: &Pinhole,
+        relative: &Relative,
+        (point, host): (&WindowPoint, &[Vector2<f64>; UNKNOWNS]),
+        observation: usize,
+        residual: &[f64; 2],
+    ) -> ByUnknowns {
+        let x = relative.transform(&point.ray, point.inverse_depth);
+        let iz = 1.0 / x.z;
+        let (px, py) = (x.x * iz, x.y * iz);
+        let distorted = &self.seen[observation].0;
+        let seen = distorted.by_unknowns(&self.sensor);
+        let [by_radial] = self.sensor.lens.magnification_by_terms(distorted.still(&self.sensor));
+        // By the readout times it changes by next to nothing.
+        let magnification = [by_radial, Matrix2::zeros(), Matrix2::zeros()];
+        let residual = Vector2::from(*residual);
+        let columns: [Vector2<f64>; UNKNOWNS] = std::array::from_fn(|k| {
+            let ray = relative.rotation.column(0) * (host[k].x / camera.fx)
+                + relative.rotation.column(1) * (host[k].y / camera.fy);
+            let predicted =
+                Vector2::new(camera.fx * iz * (ray.x - px * ray.z), camera.fy * iz * (ray.y - py * ray.z));
+            // What is known stays as it is, to the last bit.
+            let is_free = f64::from(u8::from(self.sigma[k] > 0.0));
+            (predicted - seen[k] - magnification[k] * residual) * is_free
+        });
+        ByUnknowns::from_columns(&columns)
     }
 }
 

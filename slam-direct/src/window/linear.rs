@@ -1,8 +1,9 @@
 //! Normal equations of the window: accumulated per pair of frames, depths eliminated.
 
 use super::border::Border;
+use super::cost::{mahalanobis, predict, robust_weight};
 use super::pairs::{Pairs, Relative};
-use super::problem::{Problem, mahalanobis, predict, robust_weight};
+use super::problem::Problem;
 use backend::{BlockSystem, SystemError};
 use geometry::sensor::UNKNOWNS;
 use nalgebra::{Matrix6, Vector6};
@@ -162,7 +163,8 @@ impl Normal {
             if let (Some(border), Some(calibration), Some(host)) =
                 (&mut self.border, &problem.calibration, &host)
             {
-                let by = calibration.by_unknowns(problem, &relative[pair], (point, host), i, &p.residual);
+                let by =
+                    calibration.by_unknowns(&problem.camera, &relative[pair], (point, host), i, &p.residual);
                 border.add(&p, &by, [a, b, c], pair, index);
             }
             if self.block[point.host].or(self.block[seen.frame]).is_none() {

@@ -12,6 +12,7 @@
 
 mod border;
 mod calibration;
+mod cost;
 mod linear;
 mod pairs;
 mod pose;
@@ -22,10 +23,9 @@ mod tests;
 mod uncertainty;
 
 pub(crate) use calibration::{Calibration, DistortedPixel};
+pub(crate) use cost::{mahalanobis, predict, robust_cost, robust_weight};
 pub(crate) use pairs::{Pairs, Relative};
 pub(crate) use pose::{PoseSolver, SeenPoint, covariance, robust_covariance};
-pub(crate) use problem::{
-    Problem, WindowObservation, WindowPoint, mahalanobis, predict, robust_cost, robust_weight,
-};
+pub(crate) use problem::{Problem, WindowObservation, WindowPoint};
 pub(crate) use solve::{Limits, solve, solve_within};
 pub(crate) use uncertainty::{UNKNOWN, least_variance_by_rotation, variance_by_rotation, variances_by_poses};

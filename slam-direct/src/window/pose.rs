@@ -1,6 +1,6 @@
 //! The pose of one frame that sees points of known depth.
 
-use super::problem::{mahalanobis, predict, robust_weight};
+use super::cost::{mahalanobis, predict, robust_weight};
 use geometry::{Pinhole, Se3};
 use nalgebra::{Matrix6, Vector3, Vector6};
 

@@ -275,7 +275,7 @@ fn frames_that_see_nothing_before_them_do_no_harm() {
 fn the_weight_is_the_slope_of_the_cost() {
     for squared in [0.0, 0.3, 1.0, 5.0, 40.0, 1e4] {
         let h = 1e-5 * (1.0 + squared);
-        let slope = (problem::robust_cost(squared + h) - problem::robust_cost(squared)) / h;
+        let slope = (robust_cost(squared + h) - robust_cost(squared)) / h;
         assert!((slope / robust_weight(squared) - 1.0).abs() < 1e-4, "{squared}");
     }
 }

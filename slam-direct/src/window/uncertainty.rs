@@ -1,9 +1,10 @@
 //! The uncertainty of depths beyond the noise of single observations: by the poses, and by what rotations leave
 //! behind.
 
+use super::cost::predict;
 use super::linear::Normal;
 use super::pairs::{Pairs, Relative};
-use super::problem::{Problem, WindowPoint, predict};
+use super::problem::{Problem, WindowPoint};
 
 /// How far a point may lie in an image from where a rotation has it, one standard deviation, as a share of the way that the
 /// rotation moves it: focal length, lens and shutter are known to no more. Calibrations of public recordings are off by up to

@@ -1,7 +1,8 @@
 //! Going on in a map, on a short rendered drive.
 
 use super::*;
-use crate::agent::{Frame, FrameReport, TrackingState, optimise_jointly};
+use crate::agent::{FrameReport, TrackingState, optimise_jointly};
+use crate::frame::Frame;
 use crate::test_scene::yard;
 use geometry::{GrayImage, Sim3};
 use loopbox_tests::{Recording, trajectory};

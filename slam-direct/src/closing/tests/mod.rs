@@ -2,7 +2,8 @@ mod finished;
 mod scene;
 
 use super::*;
-use crate::agent::{Agent, Frame};
+use crate::agent::Agent;
+use crate::frame::Frame;
 use geometry::Sim3;
 use geometry::{Pinhole, Se3, umeyama};
 use loopbox_tests::{Recording, World, trajectory};
