@@ -138,7 +138,7 @@ impl std::error::Error for Ended {}
 ///
 /// # Errors
 /// That of `checked`.
-pub(crate) fn usage<T>(checked: Result<T>) -> Result<T> {
+pub fn usage<T>(checked: Result<T>) -> Result<T> {
     checked.map_err(|error| Ended { ending: Ending::Usage, text: loopbox::explained(&error) }.into())
 }
 

@@ -2,7 +2,6 @@
 //!
 //! Who chooses no level reads the same messages as people read them at a terminal, without times.
 
-use crate::console::usage;
 use anyhow::{Result, anyhow};
 use loopbox::Level;
 use std::fmt::Arguments;
@@ -46,7 +45,7 @@ fn of_environment() -> Result<Option<Level>> {
 /// # Errors
 /// When it is none.
 pub fn check_environment() -> Result<()> {
-    usage(of_environment()).map(|_| ())
+    of_environment().map(|_| ())
 }
 
 /// What is written at the most; nothing where no level was chosen.

@@ -1,7 +1,7 @@
 //! `loopbox`: SLAM for recordings and cameras, of one agent and of several.
 
 use agent_bin::commands::Cli;
-use agent_bin::{allocation, logging, version};
+use agent_bin::{allocation, console, logging, version};
 use clap::Parser;
 use std::process::ExitCode;
 
@@ -11,8 +11,8 @@ fn main() -> ExitCode {
         loopbox::program::set_commit(version::COMMIT);
     }
     let cli = Cli::parse();
-    match logging::check_environment().and_then(|()| cli.command.execute()) {
+    match console::usage(logging::check_environment()).and_then(|()| cli.command.execute()) {
         Ok(()) => ExitCode::SUCCESS,
-        Err(error) => agent_bin::console::report(&error),
+        Err(error) => console::report(&error),
     }
 }

@@ -1,48 +1,21 @@
 //! Maps as people name them: a file, or the folder of results that holds one. A manifest is as good as the map that it makes.
 
-use crate::merging::{assembled, is_manifest, maps_of};
-use crate::results::{COMMON_OF_LIDARS, map_in};
-use anyhow::{Result, bail};
+pub(crate) mod opened;
+
+pub use crate::results::map_file_at;
+pub use opened::OpenedMap;
+
+use crate::merging::manifest::{assembled, is_manifest, maps_of};
+use crate::results::map_in;
+use anyhow::Result;
 use geometry::Swap;
 use map::{LoadedMap, Map, MapError, SensorKind, is_map_file, load_map, load_map_swapped};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
-/// A map that was read.
-#[derive(Clone, Debug)]
-pub struct OpenedMap {
-    /// Its file.
-    pub file: PathBuf,
-    /// The map.
-    pub map: Map,
-    /// What is missing from it, and what else there is to know, for people.
-    pub warnings: Vec<String>,
-}
-
 /// Whether there is a map at `path`: a map file or a manifest, or a folder of results that holds one.
 pub fn is_map(path: &Path) -> bool {
     if path.is_dir() { map_in(path).is_some() } else { is_map_file(path) || is_manifest(path) }
-}
-
-/// The file of the map at `path`: a map file or a manifest, or the folder of results that holds one; with what there is to know of a
-/// folder's map.
-///
-/// # Errors
-/// When there is no map.
-pub fn map_file_at(path: &Path) -> Result<(PathBuf, Option<String>)> {
-    let found = if path.is_dir() { map_in(path) } else { path.is_file().then(|| (path.to_owned(), None)) };
-    let Some((file, note)) = found else {
-        let of_lidars = path.join(COMMON_OF_LIDARS);
-        if map_in(&of_lidars).is_some() {
-            let (path, of_lidars) = (path.display(), of_lidars.display());
-            bail!("{path}: there is no map of cameras\nhint: that of the LiDARs is in {of_lidars}");
-        }
-        bail!(
-            "{}: there is no map\nhint: give a map.mcap, or the folder that `loopbox run` or `loopbox merge` wrote",
-            path.display()
-        );
-    };
-    Ok((file, note.map(|note| format!("{}: {note}", path.display()))))
 }
 
 /// What maps hold, by the first lines of their files.

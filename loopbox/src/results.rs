@@ -14,7 +14,7 @@
 
 mod earlier;
 
-pub use earlier::{MANIFEST, Owner, map_in};
+pub use earlier::{MANIFEST, Owner, map_file_at, map_in};
 
 use anyhow::{Context, Error, Result, bail};
 use map::MapError;

@@ -1,6 +1,6 @@
 //! `loopbox merge` of LiDAR maps, and of maps that hold both kinds of sensors.
 
-use super::merge::MergeArgs;
+use super::merge_args::MergeArgs;
 use super::merge_progress::MergeProgress;
 use crate::console::{self, Ended, Ending, warning};
 use crate::interrupt::stop_on_ctrl_c;

@@ -24,6 +24,7 @@ mod judging;
 #[cfg(feature = "fleet")]
 mod keys;
 mod merge;
+mod merge_args;
 mod merge_progress;
 mod merge_scans;
 mod method;
@@ -83,7 +84,7 @@ pub enum Command {
     Import(import::ImportArgs),
     Eval(eval::EvalArgs),
     Calib(calib::CalibArgs),
-    Merge(merge::MergeArgs),
+    Merge(merge_args::MergeArgs),
     Propose(verdict::ProposeArgs),
     Verdict(verdict::VerdictArgs),
     Worker(worker::WorkerArgs),

@@ -1,21 +1,22 @@
 //! LiDAR maps of several agents brought into one.
 
-mod input;
+pub(crate) mod input;
+pub(crate) mod params;
 mod record;
 
 pub(crate) use input::Files;
 pub use input::Input;
+pub use params::LidarMergeParams;
 pub use record::{DifferenceRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost, PairRecord};
 
 use super::convert::edge;
-use crate::merging::named_pair;
+use crate::merging::names::named_pair;
 use crate::verdicts::LidarVerdicts;
 use anyhow::{Result, bail};
-use backend::verdict::{Answer, Prior};
+use backend::verdict::Answer;
 use geometry::{Se3, Sim3};
 use map::{AgentId, Edge, EdgeKind, KeyframeId, Map};
 use merge::common_map::{Arrangement, Numbers, Placed};
-use serde::Serialize;
 use slam_lidar::merging::graph::{Joined, Merge, joined};
 use slam_lidar::merging::verdict::{Decision, MergeEvidence, Verdict};
 use slam_lidar::merging::{MergeMethod, merge_by};
@@ -27,15 +28,6 @@ use std::time::Instant;
 const DEVIATION: (f64, f64) = (0.02, 0.002);
 /// A merge that the others contradict ends with a weight below this, and is taken back.
 const OUTVOTED: f64 = 0.5;
-
-/// How maps of LiDARs are merged.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct LidarMergeParams {
-    /// How poses are found.
-    pub method: MergeMethod,
-    /// What may have changed between two maps.
-    pub prior: Prior,
-}
 
 /// What came of a pair of maps.
 pub struct Pair {

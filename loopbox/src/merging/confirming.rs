@@ -1,31 +1,12 @@
 //! Pairs of maps of which a person says that both show one place.
 
+use super::names::named_pair;
 use super::{Input, MergingParams, PairResult, PairResults};
 use crate::verdicts::CameraVerdicts;
 use anyhow::{Context, Result, bail};
 use merge::acceptance::{AcceptanceParams, Verdict};
 use merge::verification::Outcome;
 use std::sync::Arc;
-
-/// The two inputs that `text` names as `A+B`; names may hold a `+` themselves.
-///
-/// # Errors
-/// When it names no two of the inputs, or one twice.
-pub(crate) fn named_pair(text: &str, names: &[&str]) -> Result<[usize; 2]> {
-    let place = |name: &str| names.iter().position(|other| *other == name);
-    let split = |(at, _)| Some([place(&text[..at])?, place(&text[at + 1..])?]);
-    let found = text.match_indices('+').find_map(split);
-    let [a, b] = found.with_context(|| {
-        format!(
-            "--confirm {text}: names no two of the maps\nhint: they are called {}; write --confirm A+B",
-            names.join(", ")
-        )
-    })?;
-    if a == b {
-        bail!("--confirm {text}: names one map twice");
-    }
-    Ok([a.min(b), a.max(b)])
-}
 
 /// Confirms the pairs that `confirm` names as `A+B`, and those that were confirmed before where `verdicts` keep that.
 ///
@@ -110,21 +91,5 @@ impl PairResult {
     /// Whether they are joined because a person said that both show one place.
     pub fn is_confirmed(&self) -> bool {
         self.accepted().is_some_and(|evaluated| evaluated.verdict.is_confirmed)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pairs_are_called_by_both_names() {
-        let names = ["a", "b", "a+b"];
-        assert_eq!(named_pair("b+a", &names).unwrap(), [0, 1]);
-        assert_eq!(named_pair("a+b+b", &names).unwrap(), [1, 2]);
-        for (text, why) in [("a", "no two"), ("a+c", "called a, b, a+b"), ("a+a", "twice")] {
-            let error = named_pair(text, &names).unwrap_err().to_string();
-            assert!(error.contains(why), "{error}");
-        }
     }
 }

@@ -1,13 +1,13 @@
 //! A map to be merged, with the features and words of its keyframes.
 
+use super::described::{Described, decoded};
 use super::names::untaken;
 use crate::open::open_map_swapped;
-use crate::run::find_features;
 use anyhow::{Context, Result, bail};
-use features::{Features, SiftParams, codec, sift};
+use features::{Features, SiftParams, sift};
 use geometry::Swap;
 use map::{Keyframe, KeyframeId, Map};
-use place_recog::{DirectIndex, Directed, FeatureWords, KeyframeFeatures, Vocabulary, WordBag, words};
+use place_recog::{DirectIndex, Directed, KeyframeFeatures, Vocabulary, WordBag, words};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -116,73 +116,6 @@ pub fn features_of_keyframes(map: &Map) -> Result<Vec<Features>> {
         None => Ok(sift(&keyframe.image, &SiftParams::default())?),
     };
     keyframes.par_iter().map(features).collect()
-}
-
-/// The features that are kept with a keyframe; nothing where there are none, or none that can be read.
-fn decoded(keyframe: &Keyframe) -> Option<Features> {
-    codec::decode(keyframe.features.as_deref()?).ok()
-}
-
-/// Gives the keyframes of a map the features and words that a merge would give them.
-pub(super) fn describe(map: &mut Map, vocabulary: &Vocabulary) {
-    Described::of(map, vocabulary);
-}
-
-/// What a map's keyframes with depth look like. Keyframes without could be recognised, but nothing could come of it.
-#[derive(Default)]
-struct Described {
-    features: KeyframeFeatures,
-    words: BTreeMap<KeyframeId, FeatureWords>,
-    /// Of how many keyframes the features were found now.
-    found: usize,
-}
-
-impl Described {
-    /// Features and words that are kept in the map; where it has none, or none that can be read, those found now, which it
-    /// keeps from now on.
-    fn of(map: &mut Map, vocabulary: &Vocabulary) -> Self {
-        let mut all = Self::default();
-        all.take_in(map, vocabulary);
-        all.found = find_features(map);
-        if all.found > 0 {
-            // As they come back from the map, so that it makes no difference when they were found.
-            all.take_in(map, vocabulary);
-        }
-        all
-    }
-
-    /// Takes in the keyframes that are not here and have features.
-    fn take_in(&mut self, map: &mut Map, vocabulary: &Vocabulary) {
-        let lacks = |(id, keyframe): &(&KeyframeId, &mut Keyframe)| {
-            !keyframe.semi_dense.is_empty() && !self.features.contains(**id)
-        };
-        let looked_up: Vec<_> = map
-            .keyframes
-            .par_iter_mut()
-            .filter(lacks)
-            .filter_map(|(id, keyframe)| Some((*id, look_up(keyframe, vocabulary)?)))
-            .collect();
-        for (id, (words, stored)) in looked_up {
-            self.features.insert_stored(id, stored);
-            self.words.insert(id, words);
-        }
-    }
-}
-
-/// The words of the features that are kept with a keyframe, kept with them or looked up now, and the features; nothing where
-/// there are none, or none that can be read, which are forgotten.
-fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<(FeatureWords, Arc<[u8]>)> {
-    let kept = keyframe.words.as_deref().and_then(|words| FeatureWords::from_bytes(words, vocabulary));
-    if let Some(found) = kept.zip(keyframe.features.clone()) {
-        return Some(found);
-    }
-    let Some(features) = decoded(keyframe) else {
-        (keyframe.features, keyframe.words) = (None, None);
-        return None;
-    };
-    let words = FeatureWords::of(&features, vocabulary);
-    keyframe.words = Some(words.to_bytes(vocabulary).into());
-    Some((words, keyframe.features.clone()?))
 }
 
 /// Whether a map can be merged with cameras' maps.

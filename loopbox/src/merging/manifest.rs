@@ -1,10 +1,11 @@
 //! A common map as a manifest: the maps that it is made of, unchanged, and how they lie to each other. `map.mcap`, clouds and reports
 //! are made of it when they are asked for; it grows by maps that are new, and leaving maps out undoes their merges.
 
+use super::described::describe;
 use super::{Merging, refuse_one};
-use crate::open::OpenedMap;
-use crate::results::{MANIFEST, Owner, Results, keep_from};
-use crate::verdicts::MapDigest;
+use crate::open::opened::OpenedMap;
+use crate::results::{MANIFEST, Owner, Results, keep_from, map_file_at};
+use crate::verdicts::digest::MapDigest;
 use anyhow::{Context, Result, bail, ensure};
 use merge::common_map::{Addresses, Arrangement, Fused, Numbers, Placed};
 use place_recog::Vocabulary;
@@ -149,7 +150,7 @@ pub(crate) fn assembled(file: &Path, open: &dyn Fn(&Path) -> Result<OpenedMap>) 
     for (number, line) in lines {
         let mut opened = open(&line.path)?;
         warnings.append(&mut opened.warnings);
-        super::input::describe(&mut opened.map, &vocabulary);
+        describe(&mut opened.map, &vocabulary);
         maps.insert(number, opened.map);
     }
     let map = first.assemble(&maps).with_context(context)?;
@@ -271,17 +272,8 @@ pub(crate) fn maps_of(path: &Path) -> Vec<PathBuf> {
 
 /// The manifest at a path: itself, or that of a folder in which is no map.
 fn manifest_at(path: &Path) -> Option<PathBuf> {
-    let (file, _) = crate::open::map_file_at(path).ok()?;
+    let (file, _) = map_file_at(path).ok()?;
     is_manifest(&file).then_some(file)
-}
-
-/// What agents are called by whose files have these digests, by the number of each's file and its own in that.
-pub(crate) fn agent_digests(agents: &[(usize, usize)], files: &[MapDigest]) -> Vec<MapDigest> {
-    let is_alone = |file: usize| agents.iter().filter(|(other, _)| *other == file).count() == 1;
-    let digest = |&(file, agent): &(usize, usize)| {
-        if is_alone(file) { files[file].clone() } else { files[file].of_agent(agent) }
-    };
-    agents.iter().map(digest).collect()
 }
 
 /// Agents by their maps' files and their numbers in these.

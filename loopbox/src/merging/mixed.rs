@@ -6,14 +6,15 @@
 
 mod report;
 
-use super::input::describe;
-use super::manifest::{Given, ManifestMap, agent_digests, arrangements, begin};
+use super::described::describe;
+use super::manifest::{Given, ManifestMap, arrangements, begin};
 use super::options::MergeWatcher;
 use super::output::write_maps;
 use super::{Input, KnownBefore, Manifest, MergingParams, Names, merge_knowing, name_of};
 use crate::lidar::merging as lidar;
 use crate::open::open_map;
 use crate::results::Results;
+use crate::verdicts::digest::agent_digests;
 use crate::verdicts::{CameraVerdicts, LidarVerdicts, MapDigest};
 use anyhow::{Context, Result, anyhow};
 use geometry::Sim3;

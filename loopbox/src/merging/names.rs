@@ -1,5 +1,6 @@
 //! What to call the agents of a common map, in messages and in file names.
 
+use anyhow::{Context, Result, bail};
 use map::{AgentId, Map};
 use merge::common_map::CommonMap;
 use std::collections::BTreeMap;
@@ -53,6 +54,26 @@ pub fn listed(words: &[&str]) -> String {
     }
 }
 
+/// The two inputs that `text` names as `A+B`; names may hold a `+` themselves.
+///
+/// # Errors
+/// When it names no two of the inputs, or one twice.
+pub(crate) fn named_pair(text: &str, names: &[&str]) -> Result<[usize; 2]> {
+    let place = |name: &str| names.iter().position(|other| *other == name);
+    let split = |(at, _)| Some([place(&text[..at])?, place(&text[at + 1..])?]);
+    let found = text.match_indices('+').find_map(split);
+    let [a, b] = found.with_context(|| {
+        format!(
+            "--confirm {text}: names no two of the maps\nhint: they are called {}; write --confirm A+B",
+            names.join(", ")
+        )
+    })?;
+    if a == b {
+        bail!("--confirm {text}: names one map twice");
+    }
+    Ok([a.min(b), a.max(b)])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -75,5 +96,16 @@ mod tests {
         let names = Names::new(&common);
         assert_eq!([0, 1].map(|id| names.of(AgentId(id))), ["yard", "yard-2"]);
         assert_eq!(names.list(&[AgentId(0), AgentId(1)]), "yard and yard-2");
+    }
+
+    #[test]
+    fn pairs_are_called_by_both_names() {
+        let names = ["a", "b", "a+b"];
+        assert_eq!(named_pair("b+a", &names).unwrap(), [0, 1]);
+        assert_eq!(named_pair("a+b+b", &names).unwrap(), [1, 2]);
+        for (text, why) in [("a", "no two"), ("a+c", "called a, b, a+b"), ("a+a", "twice")] {
+            let error = named_pair(text, &names).unwrap_err().to_string();
+            assert!(error.contains(why), "{error}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The results that lie in a folder: whose they are, which files they are.
 
-use super::{COMPLETE, MAP, UNFINISHED, UNFINISHED_BEFORE};
+use super::{COMMON_OF_LIDARS, COMPLETE, MAP, UNFINISHED, UNFINISHED_BEFORE};
 use anyhow::{Result, bail};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -110,6 +110,27 @@ pub fn map_in(folder: &Path) -> Option<(PathBuf, Option<String>)> {
         format!("{} is the map of a run that has not ended{older}", left.display())
     });
     whole.or(left).map(|path| (path, note))
+}
+
+/// The file of the map at `path`: a map file or a manifest, or the folder of results that holds one; with what there is to know of a
+/// folder's map.
+///
+/// # Errors
+/// When there is no map.
+pub fn map_file_at(path: &Path) -> Result<(PathBuf, Option<String>)> {
+    let found = if path.is_dir() { map_in(path) } else { path.is_file().then(|| (path.to_owned(), None)) };
+    let Some((file, note)) = found else {
+        let of_lidars = path.join(COMMON_OF_LIDARS);
+        if map_in(&of_lidars).is_some() {
+            let (path, of_lidars) = (path.display(), of_lidars.display());
+            bail!("{path}: there is no map of cameras\nhint: that of the LiDARs is in {of_lidars}");
+        }
+        bail!(
+            "{}: there is no map\nhint: give a map.mcap, or the folder that `loopbox run` or `loopbox merge` wrote",
+            path.display()
+        );
+    };
+    Ok((file, note.map(|note| format!("{}: {note}", path.display()))))
 }
 
 fn read_json(path: &Path) -> Value {

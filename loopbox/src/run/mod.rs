@@ -13,7 +13,7 @@
 //! - `record` and `fragment_record`: the numbers; `scale_doubt`: where the scale may have changed; `without_depth`: which
 //!   keyframes have no depth; `diagnosis`: why nothing was tracked.
 
-mod describing;
+pub(crate) mod describing;
 mod diagnosis;
 mod file_names;
 mod fragment_record;

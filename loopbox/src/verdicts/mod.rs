@@ -6,18 +6,24 @@
 
 #[cfg(feature = "fleet")]
 pub(crate) mod check;
+pub(crate) mod digest;
 mod find;
 mod key;
 #[cfg(test)]
 mod tests;
 
+pub use digest::MapDigest;
 pub use find::{ProposedPair, VerdictOptions, VerdictReport, find_verdict, listed_pairs, propose_pairs};
-pub use key::{MapDigest, VerdictKey};
+pub use key::VerdictKey;
 
 use crate::blobs::{self, Blobs};
-use crate::lidar::merging::{self as lidar, Files, LidarMergeParams};
-use crate::merging::{Input, MergingParams, PairResult, Seconds, agent_digests};
+use crate::lidar::merging::input::{self as lidar, Files};
+use crate::lidar::merging::params::LidarMergeParams;
+use crate::merging::input::Input;
+use crate::merging::pair_result::{PairResult, Seconds};
+use crate::merging::params::MergingParams;
 use anyhow::{Context, Result, bail};
+use digest::agent_digests;
 use merge::further::Joined;
 use merge::verification::TestedPlace;
 use rayon::prelude::*;
@@ -258,7 +264,7 @@ impl<'a> LidarVerdicts<'a> {
     /// What the verdicts on all pairs are called, or would be.
     #[cfg(feature = "fleet")]
     pub fn objects(&self) -> BTreeSet<String> {
-        crate::merging::pairs(self.maps.len()).map(|pair| self.key(pair).object()).collect()
+        crate::merging::pair_result::pairs(self.maps.len()).map(|pair| self.key(pair).object()).collect()
     }
 
     /// What the verdict on two inputs is called.

@@ -1,0 +1,76 @@
+//! The features and words of a map's keyframes.
+
+use crate::run::describing::complete as find_features;
+use features::{Features, codec};
+use map::{Keyframe, KeyframeId, Map};
+use place_recog::{FeatureWords, KeyframeFeatures, Vocabulary};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+/// The features that are kept with a keyframe; nothing where there are none, or none that can be read.
+pub(super) fn decoded(keyframe: &Keyframe) -> Option<Features> {
+    codec::decode(keyframe.features.as_deref()?).ok()
+}
+
+/// Gives the keyframes of a map the features and words that a merge would give them.
+pub(super) fn describe(map: &mut Map, vocabulary: &Vocabulary) {
+    Described::of(map, vocabulary);
+}
+
+/// What a map's keyframes with depth look like. Keyframes without could be recognised, but nothing could come of it.
+#[derive(Default)]
+pub(super) struct Described {
+    pub features: KeyframeFeatures,
+    pub words: BTreeMap<KeyframeId, FeatureWords>,
+    /// Of how many keyframes the features were found now.
+    pub found: usize,
+}
+
+impl Described {
+    /// Features and words that are kept in the map; where it has none, or none that can be read, those found now, which it
+    /// keeps from now on.
+    pub fn of(map: &mut Map, vocabulary: &Vocabulary) -> Self {
+        let mut all = Self::default();
+        all.take_in(map, vocabulary);
+        all.found = find_features(map);
+        if all.found > 0 {
+            // As they come back from the map, so that it makes no difference when they were found.
+            all.take_in(map, vocabulary);
+        }
+        all
+    }
+
+    /// Takes in the keyframes that are not here and have features.
+    fn take_in(&mut self, map: &mut Map, vocabulary: &Vocabulary) {
+        let lacks = |(id, keyframe): &(&KeyframeId, &mut Keyframe)| {
+            !keyframe.semi_dense.is_empty() && !self.features.contains(**id)
+        };
+        let looked_up: Vec<_> = map
+            .keyframes
+            .par_iter_mut()
+            .filter(lacks)
+            .filter_map(|(id, keyframe)| Some((*id, look_up(keyframe, vocabulary)?)))
+            .collect();
+        for (id, (words, stored)) in looked_up {
+            self.features.insert_stored(id, stored);
+            self.words.insert(id, words);
+        }
+    }
+}
+
+/// The words of the features that are kept with a keyframe, kept with them or looked up now, and the features; nothing where
+/// there are none, or none that can be read, which are forgotten.
+fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<(FeatureWords, Arc<[u8]>)> {
+    let kept = keyframe.words.as_deref().and_then(|words| FeatureWords::from_bytes(words, vocabulary));
+    if let Some(found) = kept.zip(keyframe.features.clone()) {
+        return Some(found);
+    }
+    let Some(features) = decoded(keyframe) else {
+        (keyframe.features, keyframe.words) = (None, None);
+        return None;
+    };
+    let words = FeatureWords::of(&features, vocabulary);
+    keyframe.words = Some(words.to_bytes(vocabulary).into());
+    Some((words, keyframe.features.clone()?))
+}
