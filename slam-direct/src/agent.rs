@@ -251,7 +251,7 @@ impl Agent {
             Some(located) if is_claim => {
                 self.try_claim(tracker, &located, pyramid, (timestamp, frame_index), report)
             }
-            Some(located) => self.go_on(tracker, &located, pyramid, timestamp, frame_index, report),
+            Some(located) => self.go_on(tracker, &located, pyramid, (timestamp, frame_index), report),
             None => self.lose(tracker, pyramid, timestamp, frame_index, report),
         }
     }
@@ -270,14 +270,13 @@ impl Agent {
         self.resumed.is_none() && self.view.keyframes.len() <= self.params.keyframes.young_map
     }
 
-    /// Takes a frame that was found into the map.
+    /// Takes a frame that was found into the map; `at` its time stamp and index.
     fn go_on(
         &mut self,
         mut tracker: Box<Tracker>,
         located: &Located,
         pyramid: Pyramid,
-        timestamp: f64,
-        frame_index: u64,
+        at @ (timestamp, frame_index): (f64, u64),
         mut report: FrameReport,
     ) -> FrameReport {
         if self.tells_too_little(located) {
@@ -307,7 +306,7 @@ impl Agent {
                 || tracker.needs_keyframe(&self.view, located, &self.params)
                     && !tracker.returns(&self.view, located, &self.params))
         {
-            self.extend(&mut tracker, located, pyramid, timestamp, frame_index, &mut report);
+            self.extend(&mut tracker, located, pyramid, at, &mut report);
         } else if tracker.reference >= self.first_open {
             let frame_from_keyframe =
                 self.view.keyframe_from_frame(tracker.reference, &tracker.last).inverse();

@@ -8,7 +8,7 @@ use crate::interrupt::stop_on_ctrl_c;
 use crate::logging;
 use anyhow::{Context, Result, anyhow, bail};
 use clap::Args;
-use loopbox::fleet::{Endpoint, Fleet, FleetOptions, StatusFile, read_status};
+use loopbox::fleet::{Endpoint, Fleet, FleetOptions, LinkLine, StatusFile, read_status};
 use loopbox::open::map_file_at;
 use loopbox::store::Store;
 use map::SensorKind;
@@ -243,6 +243,36 @@ fn lasting(seconds: f64) -> String {
     }
 }
 
+/// How a link of a party is, which may have ended, for people.
+fn of_link(link: &LinkLine, has_ended: bool) -> String {
+    let since = lasting(link.since_s);
+    if let Some(why) = &link.why {
+        return format!("  {}: does not answer for {since}: {why}\n", link.name);
+    }
+    let place = match &link.address {
+        // Nobody is linked to a party that has ended.
+        Some(at) if !has_ended => format!("{at} for {since}"),
+        Some(at) => at.clone(),
+        None => format!("not there for {since}"),
+    };
+    let lacks = match link.lacks {
+        Some(0) => ", holds all that is told here".into(),
+        Some(count) => format!(", lacks {count} objects"),
+        None => String::new(),
+    };
+    let silent = link.silent_s.map_or(String::new(), |silent| format!(", heard {silent:.0} s ago"));
+    let twice = match link.useless / 1000 {
+        0 => String::new(),
+        kilobytes => format!(" ({kilobytes} of them twice)"),
+    };
+    let wanted = match link.wanted {
+        0 => String::new(),
+        count => format!(", is asked for {count} objects at {:.0} kB/s", link.rate / 1000.0),
+    };
+    let sent = link.received / 1000;
+    format!("  {}: {place}{silent}, sent {sent} kB{twice}{wanted}{lacks}\n", link.name)
+}
+
 /// How things are, for people.
 // Writing to a String cannot fail.
 pub(super) fn described(status: &StatusFile) -> String {
@@ -256,35 +286,7 @@ pub(super) fn described(status: &StatusFile) -> String {
         (false, false) => at,
     };
     let _ = writeln!(text, "{}{state}", status.name);
-    for link in &status.links {
-        let since = lasting(link.since_s);
-        if let Some(why) = &link.why {
-            let _ = writeln!(text, "  {}: does not answer for {since}: {why}", link.name);
-            continue;
-        }
-        let place = match &link.address {
-            // Nobody is linked to a party that has ended.
-            Some(at) if !status.ended => format!("{at} for {since}"),
-            Some(at) => at.clone(),
-            None => format!("not there for {since}"),
-        };
-        let lacks = match link.lacks {
-            Some(0) => ", holds all that is told here".into(),
-            Some(count) => format!(", lacks {count} objects"),
-            None => String::new(),
-        };
-        let silent = link.silent_s.map_or(String::new(), |silent| format!(", heard {silent:.0} s ago"));
-        let twice = match link.useless / 1000 {
-            0 => String::new(),
-            kilobytes => format!(" ({kilobytes} of them twice)"),
-        };
-        let wanted = match link.wanted {
-            0 => String::new(),
-            count => format!(", is asked for {count} objects at {:.0} kB/s", link.rate / 1000.0),
-        };
-        let sent = link.received / 1000;
-        let _ = writeln!(text, "  {}: {place}{silent}, sent {sent} kB{twice}{wanted}{lacks}", link.name);
-    }
+    status.links.iter().for_each(|link| text += &of_link(link, status.ended));
     for agent in &status.agents {
         let missing = match agent.missing {
             0 => "all here".into(),

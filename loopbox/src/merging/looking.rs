@@ -3,7 +3,7 @@
 use super::batches::{Groups, Known, Share, Waiting, next};
 use super::incremental::{Seen, grown};
 use super::places::{Appearances, Places, places};
-use super::{Input, MergingParams, PairResult, PairResults, Seconds};
+use super::{Input, MergingParams, PairResult, PairResults, Seconds, pairs};
 use anyhow::{Context, Result};
 use geometry::Swap;
 use map::Map;
@@ -86,103 +86,152 @@ impl<'a> Batch<'a> {
 ///
 /// # Errors
 /// When the inputs cannot be in one map (two are of one run, say), or `progress` will not go on.
-pub(crate) fn look(
-    inputs: &[Input],
+pub(crate) fn look<'a>(
+    inputs: &'a [Input],
     vocabulary: &Arc<Vocabulary>,
-    params: &MergingParams,
+    params: &'a MergingParams,
     go: Batch,
     progress: &mut dyn FnMut(&str) -> Result<()>,
 ) -> Result<Looked> {
     let maps: Vec<&Map> = inputs.iter().map(|input| &*input.map).collect();
     Map::can_unite(&maps).context("the maps cannot be merged")?;
     let names = |[a, b]: [usize; 2]| format!("{} and {}", inputs[a].name, inputs[b].name);
-    let mut prepared: Vec<PreparedMap> = inputs
-        .iter()
-        .map(|input| PreparedMap::new(&input.map, &input.features, &params.key_points))
-        .collect();
-    let Batch { known, wanted, mut groups, places: mut shared, share, swap, keep, is_awaited } = go;
-    let mut pair_results = swap.map_or_else(PairResults::default, PairResults::resting);
-    let mut may_grow = BTreeSet::new();
-    let (mut waiting, mut ready) = (Vec::new(), Ready { most: READY, bytes: BTreeMap::new() });
-    for pair in pairs(inputs.len()) {
-        let known = known(pair)?;
-        let is_due = known.as_ref().is_none_or(|known| known.is_due);
-        let similarity = wanted.as_ref().map_or(Some(0.0), |wanted| wanted.get(&pair).copied());
-        if let Some(similarity) = similarity.filter(|_| is_due) {
-            waiting.push(Waiting { pair, similarity, is_again: known.is_some() });
-        }
-        if let Some(Known { pair_result, may_grow: may, .. }) = known {
-            if pair_result.joined.is_some() && share.is_some() {
-                groups.join(pair);
-            }
-            if may {
-                may_grow.insert(pair);
-            }
-            pair_results.insert(pair_result);
-        }
-    }
+    let Batch { known, wanted, groups, places, share, swap, keep, is_awaited } = go;
+    let mut pairs = PairsInWork::new(inputs, params, share.is_some());
+    (pairs.groups, pairs.places) = (groups, places);
+    pairs.pair_results = swap.map_or_else(PairResults::default, PairResults::resting);
+    let mut waiting = pairs.take_known(known, wanted.as_ref())?;
     progress("looking for places that the maps share")?;
     let start = Instant::now();
     if share.is_some() {
-        find_places(inputs, vocabulary, params, &waiting, Some(&groups), &mut shared);
+        find_places(inputs, vocabulary, params, &waiting, Some(&pairs.groups), &mut pairs.places);
     }
     if wanted.is_none() {
-        waiting.iter_mut().for_each(|one| one.similarity = similarity(one.pair, &shared));
+        waiting.iter_mut().for_each(|one| one.similarity = similarity(one.pair, &pairs.places));
     }
-    let (mut now, mut left, mut has_changed) = (Vec::new(), Vec::new(), false);
+    let (mut now, mut left) = (Vec::new(), Vec::new());
     if share.is_some() {
-        let (with, without): (Vec<_>, Vec<_>) =
-            waiting.into_iter().partition(|one| key(one.pair, &shared).is_some());
-        (waiting, left) = (with, without);
+        (waiting, left) = waiting.into_iter().partition(|one| key(one.pair, &pairs.places).is_some());
     } else {
         // Taken from the end.
         waiting.reverse();
     }
     while !waiting.is_empty() {
         if let (None, Some(next)) = (share, waiting.last())
-            && key(next.pair, &shared).is_none()
+            && key(next.pair, &pairs.places).is_none()
         {
             let next = &waiting[waiting.len().saturating_sub(PAIRS)..];
-            find_places(inputs, vocabulary, params, next, None, &mut shared);
+            find_places(inputs, vocabulary, params, next, None, &mut pairs.places);
         }
+        let may_end = |pair| !pairs.groups.are_one(pair) || !pairs.has_changed && !is_awaited();
         let one = match share {
             None => waiting.pop(),
             Some(share) if share.is_used_up(now.len(), start) => None,
-            Some(_) => next(&waiting, &groups)
-                .filter(|&index| {
-                    now.is_empty() || !groups.are_one(waiting[index].pair) || !has_changed && !is_awaited()
-                })
+            Some(_) => next(&waiting, &pairs.groups)
+                .filter(|&index| now.is_empty() || may_end(waiting[index].pair))
                 .map(|index| waiting.swap_remove(index)),
         };
         let Some(Waiting { pair, .. }) = one else { break };
         progress(&format!("looking where {} met", names(pair)))?;
-        let found = key(pair, &shared).and_then(|key| Some((key, shared.remove(&key)?)));
+        pairs.look_at(pair, keep)?;
+        now.push(pair);
+    }
+    left.extend(waiting);
+    let PairsInWork { pair_results, groups, places, has_changed, .. } = pairs;
+    let may_join = share.is_some() && left.iter().any(|one| !one.is_again && !groups.are_one(one.pair));
+    let left = left.into_iter().map(|one| one.pair).collect();
+    Ok(Looked { pair_results, now, left, may_join, has_changed, places })
+}
+
+/// Pairs that are being looked at.
+struct PairsInWork<'a> {
+    inputs: &'a [Input],
+    params: &'a MergingParams,
+    /// Whether a share of them is looked at, and what else is known joins inputs.
+    is_shared: bool,
+    prepared: Vec<PreparedMap<'a>>,
+    ready: Ready,
+    groups: Groups,
+    /// By target and source.
+    places: BTreeMap<[usize; 2], Places>,
+    pair_results: PairResults,
+    /// Pairs whose maps may have grown since they were merged.
+    may_grow: BTreeSet<[usize; 2]>,
+    /// Whether groups were joined, or a merge of before does not stand any more.
+    has_changed: bool,
+}
+
+impl<'a> PairsInWork<'a> {
+    /// Those of inputs of which nothing is known yet.
+    fn new(inputs: &'a [Input], params: &'a MergingParams, is_shared: bool) -> Self {
+        let prepared = |input: &'a Input| PreparedMap::new(&input.map, &input.features, &params.key_points);
+        Self {
+            inputs,
+            params,
+            is_shared,
+            prepared: inputs.iter().map(prepared).collect(),
+            ready: Ready { most: READY, bytes: BTreeMap::new() },
+            groups: Groups::new(0),
+            places: BTreeMap::new(),
+            pair_results: PairResults::default(),
+            may_grow: BTreeSet::new(),
+            has_changed: false,
+        }
+    }
+
+    /// Takes in what is known of pairs; gives those that are to be looked at, of all or of the wanted.
+    fn take_known(
+        &mut self,
+        known: &dyn Fn([usize; 2]) -> Result<Option<Known>>,
+        wanted: Option<&BTreeMap<[usize; 2], f32>>,
+    ) -> Result<Vec<Waiting>> {
+        let mut waiting = Vec::new();
+        for pair in pairs(self.inputs.len()) {
+            let known = known(pair)?;
+            let is_due = known.as_ref().is_none_or(|known| known.is_due);
+            let similarity = wanted.map_or(Some(0.0), |wanted| wanted.get(&pair).copied());
+            if let Some(similarity) = similarity.filter(|_| is_due) {
+                waiting.push(Waiting { pair, similarity, is_again: known.is_some() });
+            }
+            if let Some(Known { pair_result, may_grow, .. }) = known {
+                if pair_result.joined.is_some() && self.is_shared {
+                    self.groups.join(pair);
+                }
+                if may_grow {
+                    self.may_grow.insert(pair);
+                }
+                self.pair_results.insert(pair_result);
+            }
+        }
+        Ok(waiting)
+    }
+
+    /// Looks at a pair; what comes of it is given to `keep`.
+    fn look_at(&mut self, pair: [usize; 2], keep: &dyn Fn(&PairResult) -> Result<()>) -> Result<()> {
+        let Self { inputs, params, is_shared, prepared, groups, places, pair_results, .. } = self;
+        let found = key(pair, places).and_then(|key| Some((key, places.remove(&key)?)));
         let (directed, places) = found.unwrap_or((pair, Places::default()));
         let of = |before: &PairResult| [&prepared[before.target], &prepared[before.source]];
-        let before = pair_results.get(pair).filter(|_| may_grow.contains(&pair));
+        let before = pair_results.get(pair).filter(|_| self.may_grow.contains(&pair));
         let followed = before.and_then(|before| grown(&before, of(&before), params));
         let pair_result = followed.unwrap_or_else(|| {
-            let mut pair_result = pair_result(directed, places, inputs, &prepared, params);
-            let accepted = pair_result.accepted().filter(|_| share.is_some());
+            let mut pair_result = pair_result(directed, places, inputs, prepared, params);
+            let accepted = pair_result.accepted().filter(|_| *is_shared);
             pair_result.seen = accepted.map(|evaluated| Arc::new(Seen::new(of(&pair_result), evaluated)));
             pair_result
         });
         keep(&pair_result)?;
-        ready.keep(pair, &mut prepared);
+        self.ready.keep(pair, prepared);
         pair.iter().for_each(|&map| inputs[map].map.rest());
-        if share.is_some() {
+        if *is_shared {
             let is_joined = pair_result.joined.is_some();
             let was_joined = pair_results.get(pair).is_some_and(|before| before.joined.is_some());
-            has_changed |= was_joined && !is_joined;
-            has_changed |= is_joined && groups.join(pair);
+            self.has_changed |= was_joined && !is_joined;
+            self.has_changed |= is_joined && groups.join(pair);
         }
         pair_results.insert(pair_result);
-        now.push(pair);
+        Ok(())
     }
-    left.extend(waiting);
-    let may_join = share.is_some() && left.iter().any(|one| !one.is_again && !groups.are_one(one.pair));
-    let left = left.into_iter().map(|one| one.pair).collect();
-    Ok(Looked { pair_results, now, left, may_join, has_changed, places: shared })
 }
 
 /// What maps take whose keyframes stay ready, bytes.
@@ -246,11 +295,6 @@ fn find_places(
         let maps: Vec<_> = inputs.iter().map(|input| Appearances::of(input, &params.places)).collect();
         shared.extend(places(&maps, vocabulary, params, &|pair| wanted.contains(&pair)));
     }
-}
-
-/// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
-pub(crate) fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
-    (1..inputs).flat_map(|later| (0..later).map(move |earlier| [earlier, later]))
 }
 
 /// One pair of inputs.

@@ -139,14 +139,7 @@ pub fn merge_rig(
     watcher.stage("writing the results");
     let names = Names::new(&common);
     let mut record = record(&given, &tied, ties, fused.suppressed.len(), lidar_from_camera);
-    let provenance = [
-        ("program".to_owned(), concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned()),
-        (
-            "maps".to_owned(),
-            paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join("\n"),
-        ),
-        ("lidar_from_camera".to_owned(), record.lidar_from_camera.map(|number| number.to_string()).join(" ")),
-    ];
+    let provenance = provenance(paths, &record);
     write_maps(&mut output, std::slice::from_ref(&fused), &names, &provenance)?;
     let page = output.file(REPORT)?;
     let path = output.file(NUMBERS)?;
@@ -157,6 +150,16 @@ pub fn merge_rig(
     go_on()?;
     output.commit()?;
     Ok(RigMerged { fused, record, warnings })
+}
+
+/// What the common map says of how it was made.
+fn provenance(paths: &[PathBuf], record: &RigRecord) -> [(String, String); 3] {
+    let maps: Vec<String> = paths.iter().map(|path| path.display().to_string()).collect();
+    [
+        ("program".to_owned(), concat!("loopbox ", env!("CARGO_PKG_VERSION")).to_owned()),
+        ("maps".to_owned(), maps.join("\n")),
+        ("lidar_from_camera".to_owned(), record.lidar_from_camera.map(|number| number.to_string()).join(" ")),
+    ]
 }
 
 /// The keyframes of the camera tied to those of the LiDAR, each to the one that is nearest in time.

@@ -105,16 +105,7 @@ impl Housekeeping {
             spare: self.spare + lacking,
         };
         let Plan { delete, kept, is_over, is_short } = plan(&self.sessions.kept(&stays), room);
-        for path in delete {
-            let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-            match removed {
-                Ok(()) => {
-                    let text = format!("{}: deleted for room on the disk", path.display());
-                    self.vitals.report(Level::Info, &text);
-                }
-                Err(error) => self.vitals.trouble(&format!("{}: cannot be deleted: {error}", path.display())),
-            }
-        }
+        delete.iter().for_each(|path| self.delete(path));
         self.sessions.remove_empty(&stays);
         let free = free_bytes(&self.out);
         let mib = |bytes: u64| bytes / MIB;
@@ -139,6 +130,18 @@ impl Housekeeping {
         if is_over && is_placed && !is_recording {
             // Nothing but the map is left.
             self.vitals.end_session(Why::Disk);
+        }
+    }
+
+    /// Deletes a folder or file for room, and says so.
+    fn delete(&self, path: &Path) {
+        let removed = if path.is_dir() { fs::remove_dir_all(path) } else { fs::remove_file(path) };
+        match removed {
+            Ok(()) => {
+                let text = format!("{}: deleted for room on the disk", path.display());
+                self.vitals.report(Level::Info, &text);
+            }
+            Err(error) => self.vitals.trouble(&format!("{}: cannot be deleted: {error}", path.display())),
         }
     }
 

@@ -22,8 +22,8 @@ mod transfer;
 
 use geometry::Sampler;
 use linear::Pose;
-use model::Settled;
 pub(crate) use model::ln_false_alarms;
+use model::{Chooser, Settled};
 use nalgebra::{Matrix3, Matrix3x2, Matrix5, Unit, UnitQuaternion, Vector3};
 use rays::Rays;
 use serde::{Deserialize, Serialize};
@@ -249,8 +249,8 @@ pub fn relative_pose(
     if !above_chance {
         return Err(TwoViewRefusal::Chance { inliers, given });
     }
-    model::choose(&rays, &settled, homography.as_ref(), planes, limit, pixel_angle, params)
-        .ok_or(TwoViewRefusal::Degenerate { inliers })
+    let chooser = Chooser { rays: &rays, settled: &settled, limit, pixel_angle, params };
+    chooser.choose(homography.as_ref(), planes).ok_or(TwoViewRefusal::Degenerate { inliers })
 }
 
 /// The squared error up to which a match lies on a plane, for that up to which it is an inlier: the error has two

@@ -93,30 +93,6 @@ fn gric(squared: impl Iterator<Item = f64>, variance: f64, dimension: f64, unkno
     sum + 4f64.ln() * dimension * count + (4.0 * count).max(1.0).ln() * unknowns
 }
 
-/// The result by the model that explains the inliers best; nothing where they leave the rotation open.
-pub(super) fn choose(
-    rays: &Rays,
-    settled: &Settled,
-    homography: Option<&Matrix3<f64>>,
-    planes: Vec<PlanePose>,
-    limit: f64,
-    pixel_angle: f64,
-    params: &TwoViewParams,
-) -> Option<RelativePose> {
-    let chooser = Chooser { rays, settled, limit, pixel_angle, params };
-    let with_depth = chooser.gric_depth();
-    let pure_rotation = chooser.pure_rotation(homography);
-    if chooser.gric_homography(&pure_rotation.0, 3.0) < with_depth
-        && chooser.shows_no_parallax(&pure_rotation.1)
-    {
-        return chooser.without_parallax(&pure_rotation.0, pure_rotation.1);
-    }
-    let flat: Vec<FlatPose> = planes.into_iter().filter_map(|plane| chooser.flat(plane)).collect();
-    let is_flat = flat.iter().any(|f| chooser.gric_homography(&f.plane.homography(), 8.0) < with_depth);
-    let on_plane = if is_flat { chooser.on_plane(flat) } else { None };
-    on_plane.or_else(|| chooser.with_depth())
-}
-
 /// A plane with its pose, refined on all it explains.
 struct FlatPose {
     plane: PlanePose,
@@ -127,15 +103,31 @@ struct FlatPose {
     wrong: f64,
 }
 
-struct Chooser<'a> {
-    rays: &'a Rays,
-    settled: &'a Settled,
-    limit: f64,
-    pixel_angle: f64,
-    params: &'a TwoViewParams,
+/// Chooses the model.
+pub(super) struct Chooser<'a> {
+    pub rays: &'a Rays,
+    pub settled: &'a Settled,
+    pub limit: f64,
+    pub pixel_angle: f64,
+    pub params: &'a TwoViewParams,
 }
 
 impl Chooser<'_> {
+    /// The result by the model that explains the inliers best; nothing where they leave the rotation open.
+    pub fn choose(&self, homography: Option<&Matrix3<f64>>, planes: Vec<PlanePose>) -> Option<RelativePose> {
+        let with_depth = self.gric_depth();
+        let pure_rotation = self.pure_rotation(homography);
+        if self.gric_homography(&pure_rotation.0, 3.0) < with_depth
+            && self.shows_no_parallax(&pure_rotation.1)
+        {
+            return self.without_parallax(&pure_rotation.0, pure_rotation.1);
+        }
+        let flat: Vec<FlatPose> = planes.into_iter().filter_map(|plane| self.flat(plane)).collect();
+        let is_flat = flat.iter().any(|f| self.gric_homography(&f.plane.homography(), 8.0) < with_depth);
+        let on_plane = if is_flat { self.on_plane(flat) } else { None };
+        on_plane.or_else(|| self.with_depth())
+    }
+
     fn bound(&self) -> f64 {
         HUBER * self.settled.deviation
     }

@@ -131,7 +131,7 @@ impl Agent {
         mut tracker: Box<Tracker>,
         located: &Located,
         pyramid: Pyramid,
-        (timestamp, frame_index): (f64, u64),
+        at: (f64, u64),
         report: FrameReport,
     ) -> FrameReport {
         if self.tells_too_little(located) {
@@ -141,13 +141,13 @@ impl Agent {
         let answer = self.answer();
         if answer.is_some_and(Answer::joins) {
             let (known, trial_frames) = (self.map.frames.len(), self.accept_claim());
-            let report = self.go_on(tracker, located, pyramid, timestamp, frame_index, report);
+            let report = self.go_on(tracker, located, pyramid, at, report);
             // The newest may have become the keyframe that those before it are told by.
             self.insert_frames(known, trial_frames);
             return report;
         }
         tracker.change_reference(&self.view, located, &self.params);
-        let found = self.found_at((timestamp, frame_index), &pyramid, &tracker, located.motion);
+        let found = self.found_at(at, &pyramid, &tracker, located.motion);
         if answer == Some(Answer::Different) {
             self.trial = None;
             self.claim = Some(Claim::Refused);

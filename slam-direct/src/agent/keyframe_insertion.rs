@@ -35,14 +35,13 @@ impl Agent {
         }
     }
 
-    /// Makes the newest tracked frame a keyframe: hands it to the mapper.
+    /// Makes the newest tracked frame, of this time stamp and index, a keyframe: hands it to the mapper.
     pub(super) fn extend(
         &mut self,
         tracker: &mut Tracker,
         located: &Located,
         mut pyramid: Pyramid,
-        timestamp: f64,
-        frame_index: u64,
+        at @ (timestamp, frame_index): (f64, u64),
         report: &mut FrameReport,
     ) {
         let Some(mut mapper) = self.mapper.take() else { return };
@@ -57,7 +56,7 @@ impl Agent {
         let index = self.view.push(seeing(keyframe.clone(), &matched));
         let added = vec![publish::keyframe(&self.view, index)];
         self.apply_delta(self.own_delta(MapDelta { added, ..MapDelta::default() }));
-        self.refer_newest_frame(index, (timestamp, frame_index));
+        self.refer_newest_frame(index, at);
         let id = self.own_id(LocalMap::id(index));
         report.new_keyframe = id;
         (tracker.last, tracker.reference) = (camera_from_world, index);

@@ -49,7 +49,7 @@ impl Agent {
             let report = self.try_claim(tracker, &located, pyramid, at, report);
             return Ok((report.state == TrackingState::Tracking).then(|| self.with_deltas(report)));
         }
-        let report = self.go_on(tracker, &located, pyramid, frame.timestamp, frame.index, report);
+        let report = self.go_on(tracker, &located, pyramid, (frame.timestamp, frame.index), report);
         Ok(Some(self.with_deltas(report)))
     }
 
@@ -111,7 +111,7 @@ impl Agent {
             return Ok(self.begin_claim(found, (timestamp, index), report));
         }
         let known = self.map.frames.len();
-        let report = self.go_on(found.tracker, &found.located, found.pyramid, timestamp, index, report);
+        let report = self.go_on(found.tracker, &found.located, found.pyramid, (timestamp, index), report);
         // The newest may have become the keyframe that those before it are told by.
         self.insert_frames(known, found.before.into_iter().map(|frame| frame.pose).collect());
         Ok(Some(self.with_deltas(report)))

@@ -249,8 +249,7 @@ impl<'a> Observer<'a> {
         [gx, gy]: [f32; 2],
         known: &Hypothesis,
     ) -> (Look, bool) {
-        let params = self.params;
-        let geometry = &self.geometry;
+        let (params, geometry) = (self.params, &self.geometry);
         let [low, high] = known.range(params.search_sigmas);
         let [dx, dy] = match (BENT, ROLLING) {
             (_, true) => self.shift.to_undistorted([x, y], 0.5 * (low + high)),
@@ -263,7 +262,6 @@ impl<'a> Observer<'a> {
         let direction = [lx * inverse_norm, ly * inverse_norm];
         let along = gx * direction[0] + gy * direction[1];
         let alignment2 = along * along / (gx * gx + gy * gy);
-
         let ray = geometry.ray(ideal_own[0], ideal_own[1], direction);
         let (centre, near) = (geometry.project(&ray, 0.5 * (low + high)), geometry.project(&ray, high));
         let far = geometry.project(&ray, low);

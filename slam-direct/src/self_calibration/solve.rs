@@ -1,7 +1,7 @@
 //! Levenberg–Marquardt over poses, depths and lens; depths are eliminated by the Schur complement.
 
-use super::problem::{Lenses, Predicted, Problem, ray};
-use crate::window::robust_weight;
+use super::problem::{FreePoint, Lenses, Predicted, Problem, ray};
+use crate::window::{robust_cost, robust_weight};
 use geometry::Se3;
 use nalgebra::{DMatrix, DVector, Vector2, Vector6};
 
@@ -96,37 +96,47 @@ fn of_pose(pose: usize) -> Option<usize> {
     pose.checked_sub(1).map(|i| 6 * i)
 }
 
+/// The normal equations of the problem as it stands; nothing where its lens is none.
 fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
     let lenses = problem.lenses()?;
-    let count = problem.terms.len();
     let first_term = 6 * (problem.poses.len() - 1);
-    let size = first_term + count;
-    let mut hessian = DMatrix::zeros(size, size);
-    let mut gradient = DVector::zeros(size);
-    let mut points = Vec::with_capacity(problem.points.len());
-    let (mut cost, mut weighted) = (0.0, 0.0);
-    let mut columns = Vec::new();
+    let size = first_term + problem.terms.len();
+    let mut normal = Normal {
+        hessian: DMatrix::zeros(size, size),
+        gradient: DVector::zeros(size),
+        points: Vec::with_capacity(problem.points.len()),
+        cost: 0.0,
+        weighted: 0.0,
+    };
     for point in &problem.points {
+        normal.add_point(problem, &lenses, point);
+    }
+    damp(&mut normal.hessian, damping);
+    normal.eliminate_depths(damping);
+    normal.cost += add_priors(problem, &mut normal.hessian, &mut normal.gradient, first_term);
+    normal.hessian.fill_upper_triangle_with_lower_triangle();
+    Some(normal)
+}
+
+impl Normal {
+    /// Adds a point's observations, and the point.
+    fn add_point(&mut self, problem: &Problem, lenses: &Lenses, point: &FreePoint) {
+        let first_term = 6 * (problem.poses.len() - 1);
         let world_from_host = problem.poses[point.host].inverse();
         let mut eliminated = Eliminated { information: 0.0, gradient: 0.0, coupling: Vec::new() };
         let Some(rays) = lenses.rays(&point.pixel) else {
-            cost += crate::window::robust_cost(UNSEEN) * point.observations.len() as f64;
-            points.push(eliminated);
-            continue;
+            self.cost += robust_cost(UNSEEN) * point.observations.len() as f64;
+            self.points.push(eliminated);
+            return;
         };
+        let mut columns = Vec::new();
         for observation in &problem.observations[point.observations.clone()] {
             let frame_from_host = problem.poses[observation.frame] * world_from_host;
             let predicted = lenses.predict(&frame_from_host, &rays, point.inverse_depth, &observation.pixel);
             let Some(predicted) = predicted else {
-                cost += crate::window::robust_cost(UNSEEN);
+                self.cost += robust_cost(UNSEEN);
                 continue;
             };
-            let squared = squared(&predicted.residual, &observation.information);
-            let weight = robust_weight(squared);
-            cost += crate::window::robust_cost(squared);
-            weighted += weight * squared;
-            let [xx, xy, yy] = observation.information.map(|value| weight * value);
-            let inform = |v: &Vector2<f64>| Vector2::new(xx * v.x + xy * v.y, xy * v.x + yy * v.y);
             columns.clear();
             add_columns(
                 &mut columns,
@@ -136,17 +146,7 @@ fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
                 point.host,
                 first_term,
             );
-            let by_depth = inform(&predicted.by_inverse_depth);
-            eliminated.information += by_depth.dot(&predicted.by_inverse_depth);
-            eliminated.gradient += by_depth.dot(&predicted.residual);
-            for (i, column) in &columns {
-                let informed = inform(column);
-                gradient[*i] += informed.dot(&predicted.residual);
-                eliminated.coupling.push((*i, informed.dot(&predicted.by_inverse_depth)));
-                for (j, other) in columns.iter().filter(|(j, _)| j <= i) {
-                    hessian[(*i, *j)] += informed.dot(other);
-                }
-            }
+            self.add(&predicted, &observation.information, &columns, &mut eliminated);
         }
         eliminated.coupling.sort_by_key(|(i, _)| *i);
         eliminated.coupling.dedup_by(|next, kept| {
@@ -156,27 +156,54 @@ fn linearise(problem: &Problem, damping: f64) -> Option<Normal> {
         });
         // Half of it was the host's, once for each observation, and it is kept for all points.
         eliminated.coupling.shrink_to_fit();
-        points.push(eliminated);
+        self.points.push(eliminated);
     }
-    damp(&mut hessian, damping);
-    for point in &mut points {
-        point.information *= 1.0 + damping;
-        if point.information <= 0.0 {
-            continue;
-        }
-        for (at, (j, b)) in point.coupling.iter().enumerate() {
-            let by_depth = b / point.information;
-            gradient[*j] -= by_depth * point.gradient;
-            // Column by column, as the matrix lies in memory.
-            let mut column = hessian.column_mut(*j);
-            for (i, a) in &point.coupling[at..] {
-                column[*i] -= a * by_depth;
+
+    /// Adds an observation, robustly weighted, that depends on the unknowns by these columns and on its point's depth.
+    fn add(
+        &mut self,
+        predicted: &Predicted,
+        information: &[f64; 3],
+        columns: &[(usize, Vector2<f64>)],
+        eliminated: &mut Eliminated,
+    ) {
+        let squared = squared(&predicted.residual, information);
+        let weight = robust_weight(squared);
+        self.cost += robust_cost(squared);
+        self.weighted += weight * squared;
+        let [xx, xy, yy] = information.map(|value| weight * value);
+        let inform = |v: &Vector2<f64>| Vector2::new(xx * v.x + xy * v.y, xy * v.x + yy * v.y);
+        let by_depth = inform(&predicted.by_inverse_depth);
+        eliminated.information += by_depth.dot(&predicted.by_inverse_depth);
+        eliminated.gradient += by_depth.dot(&predicted.residual);
+        for (i, column) in columns {
+            let informed = inform(column);
+            self.gradient[*i] += informed.dot(&predicted.residual);
+            eliminated.coupling.push((*i, informed.dot(&predicted.by_inverse_depth)));
+            for (j, other) in columns.iter().filter(|(j, _)| j <= i) {
+                self.hessian[(*i, *j)] += informed.dot(other);
             }
         }
     }
-    cost += add_priors(problem, &mut hessian, &mut gradient, first_term);
-    hessian.fill_upper_triangle_with_lower_triangle();
-    Some(Normal { hessian, gradient, points, cost, weighted })
+
+    /// Eliminates the points' damped depths.
+    fn eliminate_depths(&mut self, damping: f64) {
+        for point in &mut self.points {
+            point.information *= 1.0 + damping;
+            if point.information <= 0.0 {
+                continue;
+            }
+            for (at, (j, b)) in point.coupling.iter().enumerate() {
+                let by_depth = b / point.information;
+                self.gradient[*j] -= by_depth * point.gradient;
+                // Column by column, as the matrix lies in memory.
+                let mut column = self.hessian.column_mut(*j);
+                for (i, a) in &point.coupling[at..] {
+                    column[*i] -= a * by_depth;
+                }
+            }
+        }
+    }
 }
 
 fn damp(hessian: &mut DMatrix<f64>, damping: f64) {
@@ -264,7 +291,7 @@ fn apply(problem: &mut Problem, normal: &Normal, delta: &DVector<f64>) {
 /// Robust cost of all observations and of what is known before.
 fn cost(problem: &Problem) -> Option<f64> {
     let lenses = Lenses { middle: problem.lens(&problem.terms)?, perturbed: Vec::new() };
-    let unseen = crate::window::robust_cost(UNSEEN);
+    let unseen = robust_cost(UNSEEN);
     let mut cost = 0.0;
     for point in &problem.points {
         let ray = ray(&lenses.middle, &point.pixel);
@@ -274,9 +301,8 @@ fn cost(problem: &Problem) -> Option<f64> {
             let residual = ray.and_then(|ray| {
                 lenses.residual(&frame_from_host, &ray, point.inverse_depth, &observation.pixel)
             });
-            cost += residual.map_or(unseen, |residual| {
-                crate::window::robust_cost(squared(&residual, &observation.information))
-            });
+            cost +=
+                residual.map_or(unseen, |residual| robust_cost(squared(&residual, &observation.information)));
         }
     }
     let terms = problem.terms.iter().zip(problem.prior_deviations());
