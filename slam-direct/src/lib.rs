@@ -53,7 +53,7 @@ pub use agent::{
 };
 pub use atlas::{Atlas, AtlasParams};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
-pub use closing::{ClosingParams, NoLoop, close_loop};
+pub use closing::{ClosingParams, NoLoop, Trajectory, close_loop};
 pub use depth::{
     DepthFilter, DepthParams, SeedPoint, StereoFrame, UpdateStats, candidate_pixels, choose_references,
     has_hardly_any as has_hardly_any_depth,

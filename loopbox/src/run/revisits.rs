@@ -3,12 +3,11 @@
 
 use crate::merging::{Input, MergingParams};
 use crate::run::Progress;
-use map::{Edge, Keyframe, KeyframeId, Map, PlaceCandidate, PlaceIndex};
+use map::{Edge, KeyframeId, Map, PlaceCandidate, PlaceIndex};
 use merge::prepared::PreparedMap;
 use merge::verification::{Place, meet};
-use nalgebra::Vector3;
 use place_recog::{BowIndex, Proposal, Vocabulary, ranked};
-use slam_direct::{ClosingParams, close_loop};
+use slam_direct::{ClosingParams, Trajectory, close_loop};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -65,7 +64,7 @@ fn merging() -> MergingParams {
 
 /// Pairs of keyframes that may show one place and are not known to, by the features that they share, most first.
 fn proposals(input: &Input, vocabulary: &Arc<Vocabulary>, params: &ClosingParams) -> Vec<Proposal> {
-    let (joined, trajectory) = (Joined::of(&input.map), Trajectory::of(&input.map));
+    let (joined, trajectory) = (Joined::of(&input.map), Trajectory::of_map(&input.map));
     let mut index = BowIndex::new(Arc::clone(vocabulary), Default::default());
     let mut found = Vec::new();
     let mut waiting = input.words.iter().peekable();
@@ -92,29 +91,6 @@ fn proposals(input: &Input, vocabulary: &Arc<Vocabulary>, params: &ClosingParams
     let mut found = ranked(found, input.directed(), input.directed(), &Default::default());
     found.retain(|proposal| proposal.shared.is_some_and(|shared| shared >= LEAST_SHARED));
     found
-}
-
-/// Where each keyframe of a map is, and the length of the path to it from the first, world units.
-struct Trajectory(BTreeMap<KeyframeId, (Vector3<f64>, f64)>);
-
-impl Trajectory {
-    fn of(map: &Map) -> Self {
-        let (mut length, mut before) = (0.0, None);
-        let mut at = |keyframe: &Keyframe| {
-            let centre = keyframe.world_from_keyframe.translation;
-            length += before.replace(centre).map_or(0.0, |before: Vector3<f64>| (centre - before).norm());
-            (keyframe.id, (centre, length))
-        };
-        Self(map.keyframes.values().map(&mut at).collect())
-    }
-
-    /// Whether an old keyframe may show what a newer one sees, which is `distance` away: they lie no farther apart than that and the drift.
-    fn may_meet(&self, old: KeyframeId, new: KeyframeId, distance: f64, max_drift: f64) -> bool {
-        let (Some((from, begun)), Some((to, ended))) = (self.0.get(&old), self.0.get(&new)) else {
-            return false;
-        };
-        (to - from).norm() <= distance + max_drift * (ended - begun)
-    }
 }
 
 /// Which keyframes see one place, by the edges of a map.
@@ -195,7 +171,7 @@ mod tests {
     use crate::run::progress::Silent;
     use geometry::{Image, Pinhole, Se3, Sim3};
     use loopbox_tests::{World, render, trajectory};
-    use map::EdgeKind;
+    use map::{EdgeKind, Keyframe};
     use nalgebra::UnitQuaternion;
 
     const CAMERA: Pinhole = Pinhole { width: 320, height: 240, fx: 260.0, fy: 260.0, cx: 159.5, cy: 119.5 };

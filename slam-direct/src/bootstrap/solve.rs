@@ -3,7 +3,7 @@
 use super::{Bootstrap, BootstrapParams, MIN_POINTS};
 use crate::window::{
     Calibration, DistortedPixel, Pairs, PoseSolver, Problem, SeenPoint, WindowObservation, WindowPoint,
-    least_variance_by_rotation, solve,
+    least_variance_by_rotation, solve, weigh_sensor,
 };
 use geometry::Se3;
 use geometry::median;
@@ -211,6 +211,7 @@ impl Bootstrap {
             }
             problem
         })?;
+        weigh_sensor(&mut problem);
         let sensor = problem.calibration.take().map_or(*sensor, |calibration| calibration.solved());
         Some(Solution { cost, problem, sensor })
     }

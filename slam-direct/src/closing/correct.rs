@@ -97,12 +97,7 @@ impl GraphJob {
 
 /// The edges of a map at the relative poses of its keyframes, as [`edges::all`] makes them.
 fn at_their_poses(map: &Map) -> Vec<Edge> {
-    let pose = |id: &KeyframeId| Some(map.keyframes.get(id)?.world_from_keyframe);
-    let at_poses = |edge: &Edge| {
-        let from_from_to = pose(&edge.from)?.inverse() * pose(&edge.to)?;
-        Some(Edge { from_from_to, ..edge.clone() })
-    };
-    map.edges.iter().filter_map(at_poses).collect()
+    edges::at_their_poses(map.edges.iter(), |id| Some(map.keyframes.get(&id)?.world_from_keyframe)).collect()
 }
 
 impl Correction {

@@ -1,10 +1,9 @@
 //! The drift that a loop may reveal: a place that is far away by the map is not one to come back to.
 
 use super::ClosingParams;
-use super::evidence::NoLoop;
 use crate::local_map::LocalMap;
-use geometry::{Se3, Sim3, median};
-use map::{Edge, KeyframeId, Map};
+use geometry::{Sim3, median};
+use map::{KeyframeId, Map};
 use nalgebra::Vector3;
 use thiserror::Error;
 
@@ -34,22 +33,20 @@ pub(super) fn in_world_units(map: &LocalMap, to: usize, from: usize, to_from_fro
     )
 }
 
-/// Compares a measured similarity with the map; refuses more drift than the path explains.
+/// Compares one end of a loop as measured from the other, `a_from_b`, with where the map has it, `path_length` away; refuses
+/// more drift than the path explains.
 pub(super) fn check(
-    map: &LocalMap,
-    current: usize,
-    old: usize,
-    current_from_old: &Sim3,
+    [world_from_a, world_from_b]: [Sim3; 2],
+    a_from_b: &Sim3,
+    path_length: f64,
     params: &ClosingParams,
 ) -> Result<(), Drift> {
-    let by_map = map.keyframes[old].camera_from_world * map.keyframes[current].camera_from_world.inverse();
-    let current_from_old = in_world_units(map, current, old, current_from_old);
-    let by_loop = current_from_old.inverse();
+    let by_loop = world_from_a * *a_from_b;
     let drift = Drift {
-        translation: (by_loop.translation - by_map.translation).norm(),
-        path_length: path_length(map, old, current),
-        rotation_drift: by_loop.rotation.angle_to(&by_map.rotation).to_degrees(),
-        scale: current_from_old.scale,
+        translation: (by_loop.translation - world_from_b.translation).norm(),
+        path_length,
+        rotation_drift: by_loop.rotation.angle_to(&world_from_b.rotation).to_degrees(),
+        scale: by_loop.scale / world_from_b.scale,
     };
     drift.check(params)
 }
@@ -64,50 +61,55 @@ impl Drift {
     }
 }
 
-/// The same for a loop between two keyframes of a finished map.
-pub(super) fn check_in(map: &Map, closed: &Edge, params: &ClosingParams) -> Result<(), NoLoop> {
-    let pose = |id: KeyframeId| map.keyframes.get(&id).map(|keyframe| keyframe.world_from_keyframe);
-    let (Some(from), Some(to)) = (pose(closed.from), pose(closed.to)) else { return Err(NoLoop::NoScale) };
-    let by_loop = from * closed.from_from_to;
-    let (first, last) = (closed.from.min(closed.to), closed.from.max(closed.to));
-    let centres: Vec<Vector3<f64>> =
-        map.keyframes.range(first..=last).map(|(_, k)| k.world_from_keyframe.translation).collect();
-    let drift = Drift {
-        translation: (by_loop.translation - to.translation).norm(),
-        path_length: centres.windows(2).map(|step| (step[1] - step[0]).norm()).sum(),
-        rotation_drift: by_loop.rotation.angle_to(&to.rotation).to_degrees(),
-        scale: by_loop.scale / to.scale,
-    };
-    Ok(drift.check(params)?)
-}
+/// Where each keyframe of a map is, and the length of the path to it from the first, world units.
+pub struct Trajectory(Vec<(KeyframeId, Vector3<f64>, f64)>);
 
-/// Length of the camera's way between two keyframes.
-fn path_length(map: &LocalMap, from: usize, to: usize) -> f64 {
-    path_lengths(map, from, to).last().map_or(0.0, |(_, path_length)| *path_length)
-}
+impl Trajectory {
+    /// That of keyframes with their centres, in order of their numbers.
+    fn of(centres: impl Iterator<Item = (KeyframeId, Vector3<f64>)>) -> Self {
+        let (mut length, mut before) = (0.0, None);
+        let at = |(id, centre): (KeyframeId, Vector3<f64>)| {
+            length += before.replace(centre).map_or(0.0, |before: Vector3<f64>| (centre - before).norm());
+            (id, centre, length)
+        };
+        Self(centres.map(at).collect())
+    }
 
-/// The camera's centre at each keyframe before `to`, the nearest first and `from` last, and the length of the way from there.
-fn path_lengths(map: &LocalMap, from: usize, to: usize) -> Vec<(Vector3<f64>, f64)> {
-    let centre = |k: usize| map.keyframes[k].camera_from_world.inverse().translation;
-    let (mut length, mut next) = (0.0, centre(to));
-    (from..to)
-        .rev()
-        .map(|k| {
-            let here = centre(k);
-            length += (next - here).norm();
-            next = here;
-            (here, length)
-        })
-        .collect()
+    /// That of a finished map.
+    pub fn of_map(map: &Map) -> Self {
+        Self::of(map.keyframes.values().map(|k| (k.id, k.world_from_keyframe.translation)))
+    }
+
+    /// That of the keyframes up to one.
+    pub(super) fn until(map: &LocalMap, last: usize) -> Self {
+        let centre = |k: usize| map.keyframes[k].camera_from_world.inverse().translation;
+        Self::of((0..=last).map(|k| (LocalMap::id(k), centre(k))))
+    }
+
+    fn at(&self, keyframe: KeyframeId) -> Option<(Vector3<f64>, f64)> {
+        let index = self.0.binary_search_by_key(&keyframe, |(id, ..)| *id).ok()?;
+        let (_, centre, length) = self.0[index];
+        Some((centre, length))
+    }
+
+    /// How far apart two keyframes are, and how long the path between them is; nothing of a keyframe that is not in the map.
+    pub fn between(&self, old: KeyframeId, new: KeyframeId) -> Option<[f64; 2]> {
+        let ((from, begun), (to, ended)) = (self.at(old)?, self.at(new)?);
+        Some([(to - from).norm(), ended - begun])
+    }
+
+    /// Whether an old keyframe may show what a newer one sees, which is `distance` away: they lie no farther apart than that and the drift.
+    pub fn may_meet(&self, old: KeyframeId, new: KeyframeId, distance: f64, max_drift: f64) -> bool {
+        self.between(old, new).is_some_and(|[apart, path]| apart <= distance + max_drift * path)
+    }
 }
 
 /// Where a keyframe might be in truth, for all that its drift allows.
 pub(super) struct Reach {
-    world_from_camera: Se3,
+    keyframe: usize,
     /// How far apart two keyframes may be that see one place, map units.
     view: f64,
-    /// Of each keyframe before it, the nearest first: where it is, and the length of the way from there, summed up along it.
-    before: Vec<(Vector3<f64>, f64)>,
+    trajectory: Trajectory,
 }
 
 impl Reach {
@@ -117,20 +119,18 @@ impl Reach {
         let mut depths: Vec<f32> = points.iter().map(|p| 1.0 / p.inverse_depth).collect();
         let depth = median(&mut depths).filter(|d| d.is_finite() && *d > 0.0)?;
         let view = params.search.max_distance * f64::from(depth);
-        let world_from_camera = map.keyframes[keyframe].camera_from_world.inverse();
-        Some(Self { world_from_camera, view, before: path_lengths(map, 0, keyframe) })
+        Some(Self { keyframe, view, trajectory: Trajectory::until(map, keyframe) })
     }
 
     /// Whether an old keyframe lies within it.
     pub fn contains(&self, map: &LocalMap, old: usize, params: &ClosingParams) -> bool {
-        let before = self.before.len().checked_sub(old + 1).and_then(|index| self.before.get(index));
-        before.is_some_and(|(centre, path_length)| {
-            let apart = (centre - self.world_from_camera.translation).norm();
-            // A turn in the image plane is part of the drift's bound only.
-            let rotation_drift =
-                || (map.keyframes[old].camera_from_world.rotation * self.world_from_camera.rotation).angle();
-            apart <= self.view + params.max_drift * path_length
-                && rotation_drift().to_degrees() <= params.search.max_view_angle + params.max_rotation
-        })
+        let [old_id, id] = [old, self.keyframe].map(LocalMap::id);
+        // A turn in the image plane is part of the drift's bound only.
+        let rotation_drift = || {
+            let [old, new] = [old, self.keyframe].map(|k| map.keyframes[k].camera_from_world.rotation);
+            (old * new.inverse()).angle()
+        };
+        self.trajectory.may_meet(old_id, id, self.view, params.max_drift)
+            && rotation_drift().to_degrees() <= params.search.max_view_angle + params.max_rotation
     }
 }

@@ -4,7 +4,7 @@ use crate::local_map::{LocalMap, PointState, SeenAt};
 use crate::track::with_depth_variance;
 use crate::window::{mahalanobis, predict, robust_weight};
 use geometry::{Se3, Sim3};
-use map::{Edge, EdgeKind};
+use map::{Edge, EdgeKind, KeyframeId};
 use nalgebra::{Matrix3, SMatrix, SVector};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -49,9 +49,17 @@ pub(crate) fn measured(map: &LocalMap, first: usize, closed: &[Edge]) -> Vec<Edg
 
 fn closed_since(map: &LocalMap, first: usize, closed: &[Edge]) -> impl Iterator<Item = Edge> {
     let closed = closed.iter().filter(move |edge| edge.from.max(edge.to) >= LocalMap::id(first));
-    closed.map(|edge| {
-        let [from, to] = [edge.from, edge.to].map(|id| map.world_from_keyframe(id.0 as usize));
-        Edge { from_from_to: from.inverse() * to, ..edge.clone() }
+    at_their_poses(closed, |id| Some(map.world_from_keyframe(id.0 as usize)))
+}
+
+/// Edges at the relative poses that their keyframes have now; without those of no keyframe.
+pub(super) fn at_their_poses<'a>(
+    edges: impl Iterator<Item = &'a Edge>,
+    world_from: impl Fn(KeyframeId) -> Option<Sim3>,
+) -> impl Iterator<Item = Edge> {
+    edges.filter_map(move |edge| {
+        let from_from_to = world_from(edge.from)?.inverse() * world_from(edge.to)?;
+        Some(Edge { from_from_to, ..edge.clone() })
     })
 }
 

@@ -1,6 +1,6 @@
 //! Whether two keyframes show one place: tests from the cheapest to the surest.
 
-use super::drift::{self, Drift};
+use super::drift::{self, Drift, Trajectory};
 use super::join::{SideMatch, match_side};
 use super::{ClosingParams, FoundLoop};
 use crate::align::{AlignmentReference, Brightness};
@@ -78,6 +78,12 @@ pub(super) fn test(
         return Err(NoLoop::NoScale);
     };
 
+    let trajectory = Trajectory::until(local, current);
+    let path_length =
+        trajectory.between(LocalMap::id(old), LocalMap::id(current)).map_or(0.0, |[_, path]| path);
+    let poses = [old, current].map(|k| local.world_from_keyframe(k));
+    let drift_check =
+        |current_from_old: &Sim3| drift::check(poses, &current_from_old.inverse(), path_length, p);
     let guess = align(local, current, old, &proposal.candidate, params);
     let seen = match_side(local, &old_side, current, guess, &params.track);
     if !seen.is_good(p.min_matched, p.min_share) {
@@ -91,13 +97,13 @@ pub(super) fn test(
         relative.translation * scale / current_scale,
         scale * old_scale / current_scale,
     );
-    drift::check(local, current, old, &start, p)?;
+    drift_check(&start)?;
     if !is_confirmed(local, &new_side, &old_side, &seen.camera_from_world, scale, params) {
         return Err(NoLoop::Unconfirmed);
     }
     let candidate = LoopCandidate { current_from_old: vec![start], ..proposal.candidate.clone() };
     let edge = reciprocal(local, current_public, old_public, &candidate, p)?;
-    drift::check(local, current, old, &edge.from_from_to, p)?;
+    drift_check(&edge.from_from_to)?;
     Ok(FoundLoop { edge, new_side, old_side })
 }
 

@@ -22,6 +22,7 @@ use crate::mapping;
 use crate::params::Params;
 use correct::{Correction, GraphJob};
 use drift::Reach;
+pub use drift::Trajectory;
 pub use evidence::NoLoop;
 use evidence::Proposal;
 pub(crate) use join::match_side;
@@ -201,7 +202,17 @@ impl LoopCloser {
 /// map is as it was.
 pub fn close_loop(map: &mut Map, edges: Vec<Edge>, params: &ClosingParams) -> Result<(), NoLoop> {
     let edges: Vec<Edge> = edges.into_iter().map(|edge| Edge { kind: EdgeKind::Loop, ..edge }).collect();
-    edges.iter().try_for_each(|edge| drift::check_in(map, edge, params))?;
+    let trajectory = Trajectory::of_map(map);
+    for edge in &edges {
+        let pose = |id| Some(map.keyframes.get(&id)?.world_from_keyframe);
+        let (old, new) = (edge.from.min(edge.to), edge.from.max(edge.to));
+        let (Some(from), Some(to), Some([_, path_length])) =
+            (pose(edge.from), pose(edge.to), trajectory.between(old, new))
+        else {
+            return Err(NoLoop::NoScale);
+        };
+        drift::check([from, to], &edge.from_from_to, path_length, params)?;
+    }
     let correction = GraphJob::of_map(map, edges.clone(), &params.graph).solve()?;
     map.edges.extend(edges);
     correction.apply_to(map);

@@ -28,7 +28,19 @@ impl Limits<'_> {
 /// Minimises the robust cost of a small problem in so many steps at most. Returns the cost that is left.
 pub(crate) fn solve(problem: &mut Problem, iterations: usize) -> f64 {
     let (pairs, stop) = (Pairs::new(problem), || false);
-    solve_within(problem, &pairs, &Limits { iterations, stop: &stop }).unwrap_or(f64::INFINITY)
+    let solved = minimise(problem, &pairs, &Limits { iterations, stop: &stop });
+    solved.map_or(f64::INFINITY, |(cost, _)| cost)
+}
+
+/// Says of a small problem that is solved how well its sensor is known, where that is an unknown.
+pub(crate) fn weigh_sensor(problem: &mut Problem) {
+    if problem.calibration.is_none() {
+        return;
+    }
+    let pairs = Pairs::new(problem);
+    let Ok(mut normal) = Normal::new(problem, &pairs) else { return };
+    normal.linearise(problem, &pairs, &pairs.relative(&problem.frames));
+    set_variances(problem, &pairs, &mut normal);
 }
 
 /// Minimises the robust cost over the free poses and all inverse depths; stops at its `limits` or when the cost
@@ -41,6 +53,13 @@ pub(crate) fn solve_within(
     pairs: &Pairs,
     limits: &Limits,
 ) -> Result<f64, SystemError> {
+    let (cost, mut normal) = minimise(problem, pairs, limits)?;
+    set_variances(problem, pairs, &mut normal);
+    Ok(cost)
+}
+
+/// Gives the cost that is left and the normal equations there.
+fn minimise(problem: &mut Problem, pairs: &Pairs, limits: &Limits) -> Result<(f64, Normal), SystemError> {
     let mut relative = pairs.relative(&problem.frames);
     let mut cost = problem.cost(pairs, &relative);
     let mut normal = Normal::new(problem, pairs)?;
@@ -72,12 +91,16 @@ pub(crate) fn solve_within(
     for (point, information) in problem.points.iter_mut().zip(normal.depth_information()) {
         point.information = information;
     }
+    Ok((cost, normal))
+}
+
+/// Sets how well the sensor is known, by the normal equations at the minimum.
+fn set_variances(problem: &mut Problem, pairs: &Pairs, normal: &mut Normal) {
     let known = normal.sensor_variances(problem, pairs);
     if let Some((calibration, known)) = problem.calibration.as_mut().zip(known) {
         calibration.variance =
             std::array::from_fn(|k| if calibration.sigma[k] > 0.0 { known[k] } else { 0.0 });
     }
-    Ok(cost)
 }
 
 /// Values of a problem before a step.
