@@ -6,6 +6,7 @@
 //! edge joins keyframes of one agent or of two, is not known here.
 
 mod block_system;
+mod levenberg_marquardt;
 mod parameter_check;
 mod params_macro;
 pub mod posegraph;
@@ -13,5 +14,6 @@ pub mod sim3_align;
 pub mod verdict;
 
 pub use block_system::{BlockSlot, BlockSystem, SystemError};
+pub use levenberg_marquardt::Descent;
 pub use parameter_check::{ParameterError, check_parameters, stated_range};
 pub use params_macro::{DocumentedParameter, Parameter, ParameterValue};

@@ -4,7 +4,7 @@
 //! `σ² = 2σ_I² + (∂r/∂d)² V` (Engel 2014, Eq. 12–15; affine brightness from Engel 2018, Eq. 4) by the
 //! inverse compositional Gauss–Newton method: derivatives are taken once, in the keyframe.
 
-use backend::params;
+use backend::{Descent, params};
 use geometry::{Pinhole, Pyramid, Se3};
 use nalgebra::{SMatrix, SVector, Vector3, Vector6};
 
@@ -149,27 +149,23 @@ impl AlignmentReference {
     }
 
     fn align_level(&self, image: &Pyramid, level: usize, state: &mut (Se3, Brightness)) -> Sums {
-        let mut lambda = 1e-3;
         let total = self.levels[level].points.len();
-        let mut sums = linearise(self, image, level, state);
-        for _ in 0..self.params.max_iterations {
-            let Some(candidate) = step(&sums, lambda, state) else { break };
-            let trial = linearise(self, image, level, &candidate);
-            let (old, new) = (sums.mean_cost(total), trial.mean_cost(total));
-            if new < old {
-                *state = candidate;
-                sums = trial;
-                lambda = (lambda * 0.2).max(1e-6);
-                if old - new < self.params.min_decrease as f64 * old {
-                    break;
-                }
-            } else {
-                lambda = lambda.max(1e-4) * 8.0;
-                if lambda > 10.0 {
-                    break;
-                }
-            }
-        }
+        let descent = Descent {
+            iterations: self.params.max_iterations,
+            min_decrease: self.params.min_decrease as f64,
+            damping: 1e-3,
+            eased: (0.2, 1e-6),
+            raised: (8.0, 8e-4),
+            most: 10.0,
+        };
+        let start = (*state, linearise(self, image, level, state));
+        let (found, sums) = descent.minimise(
+            start,
+            |state, sums: &Sums, lambda| step(sums, lambda, state),
+            |state| Some(linearise(self, image, level, state)),
+            |sums| sums.mean_cost(total),
+        );
+        *state = found;
         sums
     }
 }

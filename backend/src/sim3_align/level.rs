@@ -2,6 +2,7 @@
 
 use super::residual::{PointTerm, Projector, State};
 use super::{AlignRefusal, KeyframeView, Matrix9, Sim3AlignParams, Vector9};
+use crate::Descent;
 
 /// Where (υ, ω, a, b) of the photometric Jacobian lie among the nine unknowns.
 const PHOTOMETRIC: [usize; 8] = [0, 1, 2, 3, 4, 5, 7, 8];
@@ -156,35 +157,30 @@ impl<'a> LevelProblem<'a> {
 
     /// Minimises from a state; gives the best state and its linearisation.
     pub(super) fn minimise(&self, start: State) -> Result<(State, Linearisation), AlignRefusal> {
-        let mut state = start;
-        let mut linear = self.linearise(&state);
+        let linear = self.linearise(&start);
         self.check(&linear)?;
-        let mut damping = 1e-3;
-        for _ in 0..self.params.max_iterations {
+        let descent = Descent {
+            iterations: self.params.max_iterations,
+            min_decrease: self.params.min_relative_decrease,
+            damping: 1e-3,
+            eased: (0.3, 1e-6),
+            raised: (8.0, 0.0),
+            most: 1e5,
+        };
+        let mut is_degenerate = false;
+        let step = |state: &State, linear: &Linearisation, damping: f64| {
             let mut damped = linear.hessian;
             for i in 0..9 {
                 // Absolute part: without contrast or depth an unknown has no curvature of its own.
                 damped[(i, i)] += damping * damped[(i, i)] + 1e-9;
             }
-            let cholesky = damped.cholesky().ok_or(AlignRefusal::Degenerate)?;
-            let moved = state.updated(&-cholesky.solve(&linear.gradient));
-            let next = self.linearise(&moved);
-            let (before, after) = (linear.mean_energy(), next.mean_energy());
-            // Leaving the image lowers the energy of what is left: such a step is no progress.
-            let better = after < before && self.check(&next).is_ok();
-            if !better {
-                damping *= 8.0;
-                if damping > 1e5 {
-                    break;
-                }
-                continue;
-            }
-            (state, linear) = (moved, next);
-            damping = (damping * 0.3).max(1e-6);
-            if before - after < self.params.min_relative_decrease * before {
-                break;
-            }
-        }
-        Ok((state, linear))
+            let cholesky = damped.cholesky();
+            is_degenerate = cholesky.is_none();
+            Some(state.updated(&-cholesky?.solve(&linear.gradient)))
+        };
+        // Leaving the image lowers the energy of what is left: such a step is no progress.
+        let linearise = |state: &State| Some(self.linearise(state)).filter(|next| self.check(next).is_ok());
+        let found = descent.minimise((start, linear), step, linearise, Linearisation::mean_energy);
+        if is_degenerate { Err(AlignRefusal::Degenerate) } else { Ok(found) }
     }
 }

@@ -7,6 +7,7 @@
 //! single keyframes (Zhang 2000, §3.1).
 
 use anyhow::{Result, bail, ensure};
+use backend::Descent;
 use calib::planar::{homography, pose};
 use calib::{Board, Corner};
 use geometry::{Pinhole, Se3};
@@ -20,7 +21,14 @@ const MIN_VIEWS: usize = 3;
 const MIN_CORNERS: usize = 4;
 /// Views that the search is begun from.
 const STARTS: usize = 12;
-const ITERATIONS: usize = 50;
+const DESCENT: Descent = Descent {
+    iterations: 50,
+    min_decrease: 1e-10,
+    damping: 1e-4,
+    eased: (0.2, 1e-12),
+    raised: (10.0, 0.0),
+    most: 1e9,
+};
 /// Residuals beyond this count linearly, pixels.
 const HUBER: f64 = 1.0;
 /// Groups of views that are left out in turn to see how well the scale is known.
@@ -210,28 +218,14 @@ impl Problem {
         best.copied().unwrap_or(0)
     }
 
-    /// Levenberg–Marquardt.
-    fn solve(&self, mut state: State, chosen: &[usize]) -> Option<State> {
-        let (mut normal, mut right, mut cost) = self.normal(&state, chosen);
-        let mut damping = 1e-4;
-        for _ in 0..ITERATIONS {
+    fn solve(&self, state: State, chosen: &[usize]) -> Option<State> {
+        let step = |state: &State, (normal, right, _): &Normal, damping: f64| {
             let damped = normal + SMatrix::from_diagonal(&(normal.diagonal() * damping));
-            let Some(step) = damped.cholesky().map(|factor| factor.solve(&-right)) else { break };
-            let next = state.moved(&step);
-            let (next_normal, next_right, next_cost) = self.normal(&next, chosen);
-            if next_cost < cost {
-                let small = cost - next_cost < 1e-10 * cost;
-                (state, normal, right, cost) = (next, next_normal, next_right, next_cost);
-                damping = (damping * 0.2).max(1e-12);
-                if small {
-                    break;
-                }
-            } else if damping > 1e8 {
-                break;
-            } else {
-                damping *= 10.0;
-            }
-        }
+            Some(state.moved(&damped.cholesky()?.solve(&-right)))
+        };
+        let normal = self.normal(&state, chosen);
+        let linearise = |state: &State| Some(self.normal(state, chosen));
+        let (state, (_, _, cost)) = DESCENT.minimise((state, normal), step, linearise, |normal| normal.2);
         (cost.is_finite() && state.scale > 0.0).then_some(state)
     }
 
