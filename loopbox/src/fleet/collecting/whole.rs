@@ -13,7 +13,7 @@ use crate::fleet::common_listener::CommonListener;
 use crate::fleet::components::Components;
 use crate::fleet::merge_results::found;
 use crate::fleet::remembering::Content;
-use crate::merging::{Input, pairs};
+use crate::merging::{Input, Looked, pairs};
 use crate::results::Results;
 use crate::store::{Sharing, Store};
 use anyhow::Result;
@@ -176,42 +176,10 @@ impl Whole {
             return Ok(true);
         }
         let exactly = round.is_taken && self.maps.at_rest(SensorKind::Camera);
-        let Round { step, components, .. } = *round;
-        let folder = self.verdicts.clone();
-        let keeper = Keeper { folder: &folder, maps: &maps, params: &merger.params, warn: step.warn };
-        let has_come = self.sharing.as_ref().is_some_and(|sharing| {
-            keeper.ask(&self.maps.memory, sharing, &mut self.asked, exactly);
-            sharing.take_come()
-        });
-        let is_recalled = (exactly || has_come) && keeper.recall(&mut self.maps.memory);
-        let places = self.maps.memory.remove_places(contents);
-        let look = |comes: &(dyn Fn() -> bool + Sync)| {
-            let is_awaited = || round.is_awaited || comes();
-            let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited: &is_awaited };
-            merger.look(&maps, &self.maps.memory, components, looking, step.stop)
-        };
-        let looked = match round.optimise_when {
-            OptimiseWhen::Background => planner.meanwhile(step, components, merger, &BTreeSet::new(), look),
-            OptimiseWhen::Now | OptimiseWhen::Later => look(&|| false),
-        };
-        let mut looked = looked.map_err(|error| self.not_merged(error))?;
-        self.maps.memory.keep(contents, looked.now());
-        if exactly {
-            keeper.keep(&self.maps.memory, &looked.pair_results);
-        }
-        self.maps.memory.keep_places(contents, std::mem::take(&mut looked.places));
-        let is_changed = is_recalled || looked.now().next().is_some() || self.published_maps != *contents;
-        self.states.now += u64::from(is_changed);
-        (self.is_left, self.may_join) = (!looked.left.is_empty(), looked.may_join);
-        let at_rest = exactly && !self.is_left;
-        let now = Instant::now();
-        let is_due = at_rest || round.optimise_when == OptimiseWhen::Now;
-        let writes = self.states.written != self.states.now && (is_due || table.may_write(self.is_left, now));
-        let optimises =
-            self.states.optimised != self.states.now && (is_due || table.may_optimise(self.is_left, now));
-        let optimises =
-            (optimises || writes) && self.optimiser.is_idle() && round.optimise_when != OptimiseWhen::Later;
-        let is_published = !looked.has_changed && self.published_maps == *contents && !table.may_report(now);
+        let looked = self.look(&maps, exactly, merger, round, planner)?;
+        let (writes, optimises) = self.due(exactly, round.optimise_when, table);
+        let is_published =
+            !looked.has_changed && self.published_maps == *contents && !table.may_report(Instant::now());
         if self.is_left && is_published && !optimises {
             return Ok(false);
         }
@@ -233,6 +201,58 @@ impl Whole {
             self.adopt(outcome, table, listeners)?;
         }
         Ok(true)
+    }
+
+    /// Looks at a share of the pairs of these maps of which nothing is known, and takes note of what came of it; `exactly` where all
+    /// of the maps is here that is to come.
+    fn look(
+        &mut self,
+        maps: &Inputs<Input>,
+        exactly: bool,
+        merger: &Merger,
+        round: &Round,
+        planner: &mut Planner,
+    ) -> Result<Looked, Failed> {
+        let Round { step, components, .. } = *round;
+        let (contents, folder) = (&maps.contents, self.verdicts.clone());
+        let keeper = Keeper { folder: &folder, maps, params: &merger.params, warn: step.warn };
+        let has_come = self.sharing.as_ref().is_some_and(|sharing| {
+            keeper.ask(&self.maps.memory, sharing, &mut self.asked, exactly);
+            sharing.take_come()
+        });
+        let is_recalled = (exactly || has_come) && keeper.recall(&mut self.maps.memory);
+        let places = self.maps.memory.remove_places(contents);
+        let look = |comes: &(dyn Fn() -> bool + Sync)| {
+            let is_awaited = || round.is_awaited || comes();
+            let looking = Looking { wanted: None, places, share: SHARE, exactly, is_awaited: &is_awaited };
+            merger.look(maps, &self.maps.memory, components, looking, step.stop)
+        };
+        let looked = match round.optimise_when {
+            OptimiseWhen::Background => planner.meanwhile(step, components, merger, &BTreeSet::new(), look),
+            OptimiseWhen::Now | OptimiseWhen::Later => look(&|| false),
+        };
+        let mut looked = looked.map_err(|error| self.not_merged(error))?;
+        self.maps.memory.keep(contents, looked.now());
+        if exactly {
+            keeper.keep(&self.maps.memory, &looked.pair_results);
+        }
+        self.maps.memory.keep_places(contents, std::mem::take(&mut looked.places));
+        let is_changed = is_recalled || looked.now().next().is_some() || self.published_maps != *contents;
+        self.states.now += u64::from(is_changed);
+        (self.is_left, self.may_join) = (!looked.left.is_empty(), looked.may_join);
+        Ok(looked)
+    }
+
+    /// Whether the common map is to be written by now, and its joint pose graph to be made, where all of the maps is here that is to
+    /// come, or is not, as `exactly` says.
+    fn due(&self, exactly: bool, optimise_when: OptimiseWhen, table: &Schedule) -> (bool, bool) {
+        let now = Instant::now();
+        let is_due = exactly && !self.is_left || optimise_when == OptimiseWhen::Now;
+        let writes = self.states.written != self.states.now && (is_due || table.may_write(self.is_left, now));
+        let optimises =
+            self.states.optimised != self.states.now && (is_due || table.may_optimise(self.is_left, now));
+        let may_optimise = self.optimiser.is_idle() && optimise_when != OptimiseWhen::Later;
+        (writes, (optimises || writes) && may_optimise)
     }
 
     /// The maps cannot be merged, which is not tried again before something changes.
@@ -314,83 +334,4 @@ impl Whole {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::optimisation::Optimised;
-    use super::*;
-    use crate::results::Owner;
-    use fleet::merge_results::PlacedAgent;
-    use map::Uuid;
-    use std::io::{Error, ErrorKind};
-    use std::path::Path;
-
-    fn agent(number: u128) -> Identity {
-        Identity { uuid: Uuid::from_u128(number), epoch: 0 }
-    }
-
-    fn found(number: u128) -> MergeResults {
-        let (agent, root) = (agent(number).to_string(), agent(number).to_string());
-        let (name, root_from_agent) = (String::new(), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 1.0]);
-        let agents = vec![PlacedAgent { agent, name, keyframes: 9, whole: true, root, root_from_agent }];
-        MergeResults { agents, pair_verdicts: Vec::new() }
-    }
-
-    /// One at work on state 3, and what comes of it.
-    fn at_work(out: &Path, written: Option<Result<()>>) -> (Whole, Outcome) {
-        let results = Results::create(out, &Owner::Merge, false).unwrap();
-        let mut whole = Whole::new(results, out.join("verdicts"), false).unwrap();
-        (0..3).for_each(|_| whole.came());
-        whole.is_new = false;
-        let (found, undone) = (found(3), vec![([agent(1), agent(2)], "why".to_owned())]);
-        let optimised = Ok(Optimised { fused: Vec::new(), found, undone, has_met: true, written });
-        let results = whole.results.take().unwrap();
-        (whole, Outcome { revision: 3, results, took: Duration::from_secs(2), optimised })
-    }
-
-    #[test]
-    fn what_is_settled_of_what_is_there_is_taken_as_it_is() {
-        let room = tempfile::tempdir().unwrap();
-        let (mut whole, outcome) = at_work(room.path(), Some(Ok(())));
-        let mut table = Schedule::new(Instant::now());
-        assert!(!whole.is_done());
-        assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|has_changed| has_changed));
-        assert!(whole.found == found(3) && whole.is_done() && whole.results.is_some());
-        assert!(!table.may_optimise(true, Instant::now()));
-    }
-
-    #[test]
-    fn of_what_changed_meanwhile_it_is_known_what_was_taken_back_and_the_rest_is_done_again() {
-        let room = tempfile::tempdir().unwrap();
-        let (mut whole, outcome) = at_work(room.path(), Some(Ok(())));
-        let start = Instant::now();
-        let mut table = Schedule::new(start);
-        whole.came();
-        whole.is_new = false;
-        assert!(whole.adopt(outcome, &mut table, &mut []).is_ok_and(|has_changed| !has_changed));
-        assert!(whole.found == MergeResults::default() && whole.undone.len() == 1);
-        // Where agents are without what was taken back is to be said.
-        assert!(std::mem::take(&mut whole.is_new) && !whole.is_done());
-        whole.is_left = true;
-        whole.look_after(&table, start + Duration::from_secs(9));
-        assert!(!whole.is_new);
-        whole.look_after(&table, start + Duration::from_secs(30));
-        assert!(whole.is_new);
-    }
-
-    #[test]
-    fn what_was_not_written_is_written_again_and_failures_are_not_repeated_for_ever() {
-        let room = tempfile::tempdir().unwrap();
-        let full = Error::from(ErrorKind::StorageFull);
-        let (mut whole, outcome) = at_work(room.path(), Some(Err(full.into())));
-        let mut table = Schedule::new(Instant::now());
-        let Err(Failed::Write(_)) = whole.adopt(outcome, &mut table, &mut []) else { panic!("it is told") };
-        assert!(!whole.is_done() && !whole.is_new);
-        whole.request_write();
-        assert!(whole.is_new);
-        drop(whole);
-        let (mut whole, outcome) = at_work(room.path(), None);
-        let outcome = Outcome { optimised: Err(anyhow::anyhow!("no map")), ..outcome };
-        let Err(Failed::Merge(_)) = whole.adopt(outcome, &mut table, &mut []) else { panic!("it is told") };
-        whole.look_after(&table, Instant::now() + Duration::from_secs(99));
-        assert!(!whole.is_new && !whole.is_done());
-    }
-}
+mod tests;

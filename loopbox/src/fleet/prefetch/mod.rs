@@ -56,6 +56,58 @@ pub(super) struct Plan {
     pub wrong: Vec<(Identity, String)>,
 }
 
+/// What pairs ask for, taken together.
+#[derive(Default)]
+struct Asked {
+    /// Objects of each agent's map, the most urgent first.
+    wanted: BTreeMap<Identity, Vec<(Kind, u32)>>,
+    /// Agents of whom no more is fetched than was asked for, until it is seen whom they met.
+    busy: BTreeSet<Identity>,
+    /// Keyframes by which it is seen who met whom.
+    keyframes: BTreeMap<Identity, BTreeSet<KeyframeId>>,
+    /// Pairs of which that can be seen by now, and how likely each is.
+    pairs: Vec<([Identity; 2], f32)>,
+    /// Whether there is more to look at than fits into one go.
+    is_cut: bool,
+}
+
+impl Asked {
+    /// Takes note of what a pair takes next; of its agents those that are kept are busy with it, and some are `away`.
+    fn take(
+        &mut self,
+        names: [Identity; 2],
+        step: Step,
+        similarity: f32,
+        away: &BTreeSet<Identity>,
+        is_kept: impl Fn(&Identity) -> bool,
+    ) {
+        match step {
+            Step::Idle => {}
+            Step::Later => {
+                self.is_cut = true;
+                self.busy.extend(names.into_iter().filter(is_kept));
+            }
+            Step::Waits(digests) => self.want(names, digests),
+            Step::Fetch(objects) => {
+                let lacking = names.into_iter().zip(&objects).filter(|(_, lacking)| !lacking.is_empty());
+                let awaited = lacking.map(|(agent, _)| agent).filter(|agent| away.contains(agent));
+                self.busy.extend(kept(names, &awaited.collect()).filter(is_kept));
+                self.want(names, objects);
+            }
+            Step::Ready => {
+                self.busy.extend(names.into_iter().filter(is_kept));
+                self.pairs.push((names, similarity));
+            }
+        }
+    }
+
+    fn want(&mut self, names: [Identity; 2], objects: [Vec<(Kind, u32)>; 2]) {
+        for (agent, objects) in names.into_iter().zip(objects) {
+            self.wanted.entry(agent).or_default().push_new(objects);
+        }
+    }
+}
+
 /// Two agents that met, as merging has it.
 pub(super) struct MergedPair<'a> {
     /// Whose map is the target, and whose the source.
@@ -84,11 +136,30 @@ impl Prefetcher {
         elsewhere: &BTreeSet<[Identity; 2]>,
         components: &Components,
     ) -> Plan {
-        let mut plan = Plan::default();
+        let wrong = self.take_in(all, store, elsewhere);
+        let Asked { mut wanted, busy, keyframes, pairs, is_cut } =
+            self.ask_pairs(all, store, elsewhere, components);
+        self.release(own, &busy, components);
+        let of = |agent: &Identity| {
+            (*agent, (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent)))
+        };
+        let wanted = self.agents.keys().map(of).collect();
+        let ready = (!pairs.is_empty()).then_some(keyframes);
+        Plan { wanted, ready, pairs, is_cut, released: self.released.clone(), wrong }
+    }
+
+    /// Takes in what is here of all agents' maps, and forgets who is gone; who told what is none.
+    fn take_in(
+        &mut self,
+        all: &[MapSnapshot],
+        store: &dyn Objects,
+        elsewhere: &BTreeSet<[Identity; 2]>,
+    ) -> Vec<(Identity, String)> {
+        let mut wrong = Vec::new();
         for snapshot in all {
             let known_map = self.agents.entry(snapshot.agent).or_default();
             if let Err(reason) = known_map.update(snapshot, store, &self.vocabulary) {
-                plan.wrong.push((snapshot.agent, reason));
+                wrong.push((snapshot.agent, reason));
             }
         }
         let there: BTreeSet<Identity> = all.iter().map(|snapshot| snapshot.agent).collect();
@@ -96,61 +167,53 @@ impl Prefetcher {
         // What is looked at just now is judged when that is done.
         let is_kept = |pair: &[Identity; 2]| pair.iter().all(|agent| there.contains(agent));
         self.pairs.retain(|pair, _| elsewhere.contains(pair) || is_kept(pair));
+        wrong
+    }
+
+    /// What every pair takes next that is not looked at `elsewhere`, as far as one go reaches.
+    fn ask_pairs(
+        &mut self,
+        all: &[MapSnapshot],
+        store: &dyn Objects,
+        elsewhere: &BTreeSet<[Identity; 2]>,
+        components: &Components,
+    ) -> Asked {
         let agents: Vec<Identity> = self.agents.keys().copied().collect();
-        let away: BTreeSet<Identity> =
-            all.iter().filter(|snapshot| !snapshot.is_near).map(|snapshot| snapshot.agent).collect();
-        let (mut busy, mut subset) = (BTreeSet::new(), BTreeMap::<_, BTreeSet<_>>::new());
-        let mut wanted = BTreeMap::<Identity, Vec<(Kind, u32)>>::new();
-        let mut budget = GO;
+        let away = all.iter().filter(|snapshot| !snapshot.is_near).map(|snapshot| snapshot.agent);
+        let away: BTreeSet<Identity> = away.collect();
         let here =
             all.iter().filter(|snapshot| snapshot.missing == 0 && self.released.contains(&snapshot.agent));
         let here: BTreeSet<Identity> = here.map(|snapshot| snapshot.agent).collect();
+        let (mut asked, mut budget) = (Asked::default(), GO);
         for names in self.in_order(&agents, &here, components) {
             let pair = self.pairs.entry(names).or_default();
             if elsewhere.contains(&names) {
-                busy.extend(kept(names, &away));
+                asked.busy.extend(kept(names, &away));
                 continue;
             }
             let [Some(mut a), Some(mut b)] = names.map(|name| self.agents.remove(&name)) else {
                 continue;
             };
             // Who is in a component is fetched for good: it is not waited for what others make of it.
-            let is_kept = pair.is_confirming();
-            let is_kept = |agent: &Identity| is_kept || !components.is_joined(agent);
-            match pair.step([&mut a, &mut b], store, &self.vocabulary, &mut budget) {
-                Step::Idle => {}
-                Step::Later => {
-                    plan.is_cut = true;
-                    busy.extend(names.into_iter().filter(is_kept));
-                }
-                Step::Waits => {
-                    for (agent, known_map) in names.into_iter().zip([&a, &b]) {
-                        wanted.entry(agent).or_default().push_new(known_map.lacking_digests());
-                    }
-                }
-                Step::Fetch(objects) => {
-                    let lacking = names.into_iter().zip(&objects).filter(|(_, lacking)| !lacking.is_empty());
-                    let awaited = lacking.map(|(agent, _)| agent).filter(|agent| away.contains(agent));
-                    busy.extend(kept(names, &awaited.collect()).filter(is_kept));
-                    for (agent, objects) in names.into_iter().zip(objects) {
-                        wanted.entry(agent).or_default().push_new(objects);
-                    }
-                }
-                Step::Ready => {
-                    busy.extend(names.into_iter().filter(is_kept));
-                    plan.pairs.push((names, pair.urgency().1));
-                }
-            }
+            let is_confirming = pair.is_confirming();
+            let is_kept = |agent: &Identity| is_confirming || !components.is_joined(agent);
+            let step = pair.step([&mut a, &mut b], store, &self.vocabulary, &mut budget);
+            asked.take(names, step, pair.urgency().1, &away, is_kept);
             let keyframes = names.into_iter().zip(pair.keyframes([&a, &b]));
             for (agent, keyframes) in keyframes.filter(|(_, keyframes)| !keyframes.is_empty()) {
-                subset.entry(agent).or_default().extend(keyframes);
+                asked.keyframes.entry(agent).or_default().extend(keyframes);
             }
             self.agents.extend(names.into_iter().zip([a, b]));
         }
-        // A map whose digests are all here, and that is about to be compared with none, is fetched for good, and so is
-        // one that can meet none, or that goes on and met one: nobody asks for its further digests then. What is one's own is here anyway, and is put together when it is to be merged with others.
+        asked
+    }
+
+    /// Has fetched for good the maps whose digests are all here, and that are about to be compared with none, and so those that
+    /// can meet none, or that go on and met one: nobody asks for their further digests then. What is one's own is here
+    /// anyway, and is put together when it is to be merged with others.
+    fn release(&mut self, own: &[Identity], busy: &BTreeSet<Identity>, components: &Components) {
         let is_alone = |agent: &Identity| {
-            let mut others = agents.iter().filter(|other| *other != agent);
+            let mut others = self.agents.keys().filter(|other| *other != agent);
             !others.any(|other| self.may_meet(agent, other))
         };
         let is_here = |agent: &Identity| {
@@ -158,7 +221,7 @@ impl Prefetcher {
         };
         let is_done = |agent: &&Identity| !busy.contains(*agent) && is_here(agent);
         let (ready_own, others): (Vec<Identity>, Vec<Identity>) =
-            agents.iter().filter(is_done).partition(|agent| own.contains(agent));
+            self.agents.keys().filter(is_done).partition(|agent| own.contains(agent));
         self.released.extend(others);
         let meets = |one: &Identity| {
             let mut others = self.released.iter().filter(|other| !own.contains(other));
@@ -166,12 +229,6 @@ impl Prefetcher {
         };
         let paired: Vec<Identity> = ready_own.into_iter().filter(meets).collect();
         self.released.extend(paired);
-        plan.released.clone_from(&self.released);
-        let mut of =
-            |agent: &Identity| (wanted.remove(agent).unwrap_or_default(), self.released.contains(agent));
-        plan.wanted = agents.iter().map(|agent| (*agent, of(agent))).collect();
-        plan.ready = (!plan.pairs.is_empty()).then_some(subset);
-        plan
     }
 
     /// The pairs that are to be looked at, those aside of whom all is `here` or who are in one component; the smaller identity first, the most urgent before all others.

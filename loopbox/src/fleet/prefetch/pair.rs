@@ -61,8 +61,8 @@ pub(super) enum Step {
     Idle,
     /// To be looked at further in the next go.
     Later,
-    /// The digests of all keyframes.
-    Waits,
+    /// The digests of all keyframes, of either map those that lack.
+    Waits([Vec<(Kind, u32)>; 2]),
     /// Objects of either map.
     Fetch([Vec<(Kind, u32)>; 2]),
     /// All is here that is to be merged.
@@ -88,7 +88,7 @@ impl Pair {
         budget: &mut Budget,
     ) -> Step {
         if a.missing > 0 || b.missing > 0 {
-            return Step::Waits;
+            return Step::Waits([a.lacking_digests(), b.lacking_digests()]);
         }
         if [&a.words, &b.words].iter().any(|words| words.len() < FEWEST) {
             return Step::Idle;
@@ -102,37 +102,12 @@ impl Pair {
                 return Step::Later;
             }
             budget.keyframes = budget.keyframes.saturating_sub(b.words.len());
-            self.by_wholes = false;
-            self.proposals = propose(&a.words, &b.words, vocabulary, &ProposeParams::default());
-            self.proposals.truncate(PROPOSALS);
-            self.similarity = self.proposals.first().map_or(0.0, |best| best.score);
-            self.stage = Stage::Choosing;
+            self.propose([&*a, &*b], vocabulary);
         }
-        if self.stage == Stage::Choosing {
-            let of = |keyframe: fn(&Proposal) -> KeyframeId| -> Vec<KeyframeId> {
-                self.proposals.iter().map(keyframe).collect()
-            };
-            let lacking = [
-                a.read(&of(|proposal| proposal.keyframe), store, vocabulary),
-                b.read(&of(|proposal| proposal.query), store, vocabulary),
-            ];
-            if lacking.iter().any(|lacking| !lacking.is_empty()) {
-                return Step::Fetch(lacking);
-            }
-            if budget.choices == 0 {
-                return Step::Later;
-            }
-            budget.choices -= 1;
-            let params = RankParams::default();
-            let ranked = ranked(std::mem::take(&mut self.proposals), a.directed(), b.directed(), &params);
-            let shared = ranked.first().and_then(|best| best.shared);
-            self.similarity = shared.map_or(self.similarity, |shared| 1.0 + shared as f32);
-            let places = ranked.iter().map(|place| [place.keyframe, place.query]);
-            self.places = places.filter(|place| !self.vain.contains(place)).take(PLACES).collect();
-            self.stage = match self.places.len() {
-                0 => Stage::Apart,
-                _ => Stage::Trying { places: 1, is_ready: false },
-            };
+        if self.stage == Stage::Choosing
+            && let Some(step) = self.choose([&mut *a, &mut *b], store, vocabulary, budget)
+        {
+            return step;
         }
         if self.by_wholes && self.is_pending() {
             self.wholes = [&*a, &*b].map(|map| map.lacks(&map.all(), store).is_empty());
@@ -150,6 +125,50 @@ impl Pair {
             }
             _ => Step::Idle,
         }
+    }
+
+    /// Finds places by the words of both maps.
+    fn propose(&mut self, [a, b]: [&KnownMap; 2], vocabulary: &Arc<Vocabulary>) {
+        self.by_wholes = false;
+        self.proposals = propose(&a.words, &b.words, vocabulary, &ProposeParams::default());
+        self.proposals.truncate(PROPOSALS);
+        self.similarity = self.proposals.first().map_or(0.0, |best| best.score);
+        self.stage = Stage::Choosing;
+    }
+
+    /// Chooses the places that are tried by the features of both maps; what that takes first, if anything.
+    fn choose(
+        &mut self,
+        [a, b]: [&mut KnownMap; 2],
+        store: &dyn Objects,
+        vocabulary: &Arc<Vocabulary>,
+        budget: &mut Budget,
+    ) -> Option<Step> {
+        let of = |keyframe: fn(&Proposal) -> KeyframeId| -> Vec<KeyframeId> {
+            self.proposals.iter().map(keyframe).collect()
+        };
+        let lacking = [
+            a.read(&of(|proposal| proposal.keyframe), store, vocabulary),
+            b.read(&of(|proposal| proposal.query), store, vocabulary),
+        ];
+        if lacking.iter().any(|lacking| !lacking.is_empty()) {
+            return Some(Step::Fetch(lacking));
+        }
+        if budget.choices == 0 {
+            return Some(Step::Later);
+        }
+        budget.choices -= 1;
+        let params = RankParams::default();
+        let ranked = ranked(std::mem::take(&mut self.proposals), a.directed(), b.directed(), &params);
+        let shared = ranked.first().and_then(|best| best.shared);
+        self.similarity = shared.map_or(self.similarity, |shared| 1.0 + shared as f32);
+        let places = ranked.iter().map(|place| [place.keyframe, place.query]);
+        self.places = places.filter(|place| !self.vain.contains(place)).take(PLACES).collect();
+        self.stage = match self.places.len() {
+            0 => Stage::Apart,
+            _ => Stage::Trying { places: 1, is_ready: false },
+        };
+        None
     }
 
     /// The keyframes of both maps by which it is seen whether they met, the most urgent first.
