@@ -1,7 +1,7 @@
 //! Agents that pair over a network, with or without a station: what a run and a station do with the crate `fleet`.
 //!
 //! `publishing` tells a run's map while it grows. `prefetch` says what of others' is worth fetching first and when enough of
-//! it is here, `work_assignment` which of two agents looks at it, `components` who hangs together, `collecting`
+//! it is here, and which of two agents looks at it, `components` who hangs together, `collecting`
 //! merges the maps that come, in batches, and keeps the common map on disk (`scans` those of LiDARs; `agents` are their maps, `remembering` what pairs of them made of each other), `merge_results`
 //! is what it tells the agents about where they are, `common_listener` who else hears of the common maps, `status` what people are told, `received_results` what neighbours found, `saying` what is said as they come and go, `waiting` how long agents waited for their places; `fleet_node` puts them together.
 
@@ -20,7 +20,6 @@ mod saying;
 mod scans;
 mod status;
 mod waiting;
-mod work_assignment;
 
 pub use common_listener::CommonListener;
 pub use fleet::keys::{Authority, DAYS, Keys, Validity};

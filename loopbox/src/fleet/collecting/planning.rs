@@ -6,7 +6,6 @@ use super::step::Step;
 use crate::fleet::components::Components;
 use crate::fleet::prefetch::{Plan, Prefetcher};
 use crate::fleet::waiting::Waits;
-use crate::fleet::work_assignment::WorkAssignment;
 use map::Identity;
 use place_recog::Vocabulary;
 use std::collections::BTreeSet;
@@ -24,7 +23,6 @@ const LOOK: Duration = Duration::from_millis(100);
 pub(super) struct Planner {
     /// What is worth fetching of every map.
     pub prefetcher: Prefetcher,
-    assignment: WorkAssignment,
     /// How long agents waited for their places.
     pub waits: Waits,
 }
@@ -32,8 +30,7 @@ pub(super) struct Planner {
 impl Planner {
     /// Of nobody yet.
     pub fn new(vocabulary: Arc<Vocabulary>) -> Self {
-        let (assignment, waits) = Default::default();
-        Self { prefetcher: Prefetcher::new(vocabulary), assignment, waits }
+        Self { prefetcher: Prefetcher::new(vocabulary), waits: Waits::default() }
     }
 
     /// Has fetched what is worth fetching next.
@@ -84,7 +81,7 @@ impl Planner {
     fn plan_some(&mut self, step: &Step, components: &Components, pairs: &BTreeSet<[Identity; 2]>) -> Plan {
         let own: Vec<Identity> = step.service.own().iter().map(|snapshot| snapshot.agent).collect();
         let known: Vec<Identity> = step.all.iter().map(|snapshot| snapshot.agent).collect();
-        let mut elsewhere = self.assignment.assigned_to_others(&known, &own, step.remote_results);
+        let mut elsewhere = self.prefetcher.left_to_others(&known, &own, step.remote_results);
         elsewhere.extend(pairs);
         let mut plan = self.prefetcher.plan(&step.all, &own, &*step.store, &elsewhere, components);
         for (agent, (objects, rest)) in std::mem::take(&mut plan.wanted) {

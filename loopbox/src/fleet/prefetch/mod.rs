@@ -14,6 +14,7 @@ mod pair;
 
 use super::components::Components;
 use fleet::manifest::Kind;
+use fleet::merge_results::MergeResults;
 use fleet::node::MapSnapshot;
 use fleet::store::Objects;
 use geometry::Sim3;
@@ -24,6 +25,7 @@ use pair::{Budget, Pair, Step};
 use place_recog::Vocabulary;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
+use std::time::Instant;
 
 /// Further keyframe pairs that are asked for at a motion that was found; at most as many as merging tries.
 const CONFIRMING: usize = 4;
@@ -125,6 +127,25 @@ impl Prefetcher {
         Self { vocabulary, agents, pairs, released }
     }
 
+    /// The pairs among `all`, the smaller identity first, that are left to others, so that what it takes to look at both maps goes
+    /// one way only: to the agent with the smaller one, where the other is one's `own`, until its `remote_results` say what became of
+    /// it or it takes too long.
+    pub fn left_to_others(
+        &mut self,
+        all: &[Identity],
+        own: &[Identity],
+        remote_results: &[Arc<MergeResults>],
+    ) -> BTreeSet<[Identity; 2]> {
+        let others = all.iter().filter(|agent| !own.contains(agent));
+        let pairs = others.flat_map(|other| own.iter().map(move |own| [*other, *own]));
+        let mut is_left = |pair: &[Identity; 2]| {
+            let agents = pair.map(|agent| agent.to_string());
+            self.pairs.entry(*pair).or_default().leave(Instant::now())
+                && !remote_results.iter().any(|found| found.has_decided(&agents))
+        };
+        pairs.filter(|[other, own]| other < own).filter(|pair| is_left(pair)).collect()
+    }
+
     /// What to do, by what is here of all agents' maps. Pairs that are looked at `elsewhere`, the smaller identity
     /// first, are left to whoever does; some of the maps are one's `own`. Of agents that are in one component no more is to be
     /// seen by parts of their maps: all of these says how they lie to each other.
@@ -165,8 +186,13 @@ impl Prefetcher {
         let there: BTreeSet<Identity> = all.iter().map(|snapshot| snapshot.agent).collect();
         self.agents.retain(|agent, _| there.contains(agent));
         // What is looked at just now is judged when that is done.
-        let is_kept = |pair: &[Identity; 2]| pair.iter().all(|agent| there.contains(agent));
-        self.pairs.retain(|pair, _| elsewhere.contains(pair) || is_kept(pair));
+        self.pairs.retain(|names, pair| {
+            let is_kept = names.iter().all(|agent| there.contains(agent));
+            if !is_kept {
+                pair.take_back();
+            }
+            is_kept || elsewhere.contains(names)
+        });
         wrong
     }
 

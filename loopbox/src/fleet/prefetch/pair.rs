@@ -9,12 +9,17 @@ use map::KeyframeId;
 use place_recog::{Proposal, ProposeParams, RankParams, Vocabulary, propose, ranked};
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
 /// Proposals by words whose features are looked at. Of opposite directions the best place is 25th and 30th by words
 /// (`place_recog::ranked`).
 const PROPOSALS: usize = 32;
 /// Places that are tried by parts of the maps at the most: as many as merging matches before it follows the best.
 const PLACES: usize = 4;
+
+/// How long another one that a pair is left to may take before one looks oneself: twice what two maps of 100 keyframes may take
+/// over 256 kbit/s.
+const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A place of both maps.
 type Place = [KeyframeId; 2];
@@ -36,6 +41,8 @@ pub(super) struct Pair {
     /// How much the maps look alike at their best place: by the words, 0–1, and then by the features they share, 1 and more.
     similarity: f32,
     stage: Stage,
+    /// Since when it is left to another one, if it is.
+    left_since: Option<Instant>,
 }
 
 #[derive(Default, PartialEq)]
@@ -79,6 +86,16 @@ pub(super) struct Budget {
 }
 
 impl Pair {
+    /// Leaves it to another one, if that does not take too long already; whether it is left.
+    pub fn leave(&mut self, now: Instant) -> bool {
+        now.saturating_duration_since(*self.left_since.get_or_insert(now)) < PATIENCE
+    }
+
+    /// Nobody looks at it any more: one of its agents is gone.
+    pub fn take_back(&mut self) {
+        self.left_since = None;
+    }
+
     /// What it takes next.
     pub fn step(
         &mut self,
@@ -247,6 +264,15 @@ impl Pair {
 mod tests {
     use super::*;
     use place_recog::WordBag;
+
+    #[test]
+    fn a_pair_is_left_to_another_one_for_three_minutes_and_anew_once_its_agent_comes_back() {
+        let (start, mut pair) = (Instant::now(), Pair::default());
+        let at = |seconds: u64| start + Duration::from_secs(seconds);
+        assert!(pair.leave(at(0)) && pair.leave(at(179)) && !pair.leave(at(180)));
+        pair.take_back();
+        assert!(pair.leave(at(200)) && pair.leave(at(379)) && !pair.leave(at(380)));
+    }
 
     fn place(number: u32) -> Place {
         [KeyframeId(number), KeyframeId(100 + number)]

@@ -2,6 +2,7 @@ use super::*;
 use fleet::hash::ObjectHash;
 use fleet::lossy_codec::digest::Digest;
 use fleet::manifest::Entry;
+use fleet::merge_results::PairVerdict;
 use fleet::store::MemoryStore;
 use map::Uuid;
 use place_recog::{WordBag, WordId};
@@ -181,4 +182,27 @@ fn who_is_to_look_and_is_not_there_keeps_nobody() {
     let maps = [away, listed(2, &LIDAR), listed(3, &LIDAR)];
     let released = plan(&maps, &[agent(2)], &[[agent(1), agent(2)]]).released;
     assert_eq!(released, [agent(2), agent(3)].into());
+}
+
+/// What another one found of agents 1 and 2, or is still looking at.
+fn found(pending: bool) -> MergeResults {
+    let agents = [agent(2), agent(1)].map(|agent| agent.to_string());
+    let (names, verdict) = (["b".into(), "a".into()], "undecided".into());
+    let pair_verdict = PairVerdict { names, agents, verdict, why: None, pending };
+    MergeResults { agents: Vec::new(), pair_verdicts: vec![pair_verdict] }
+}
+
+#[test]
+fn one_of_two_looks_and_the_other_waits_for_what_it_says() {
+    let pair = [agent(1), agent(2)];
+    let left = |own: &[Identity], remote_results: &[Arc<MergeResults>]| {
+        let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+        prefetcher.left_to_others(&pair, own, remote_results).contains(&pair)
+    };
+    assert!(!left(&[agent(1)], &[]));
+    assert!(left(&[agent(2)], &[]));
+    // A station has no map of its own, and whoever has both looks at them.
+    assert!(!left(&[], &[]) && !left(&pair, &[]));
+    assert!(left(&[agent(2)], &[found(true).into()]));
+    assert!(!left(&[agent(2)], &[found(false).into()]));
 }
