@@ -69,10 +69,6 @@ pub(super) struct Collector {
     /// Who hangs together by all that was found.
     components: Components,
     table: Schedule,
-    /// Whether parts were merged last.
-    looked: bool,
-    /// Whether there is more to do at once.
-    has_more: bool,
     /// Who hears of the common maps.
     listeners: Vec<Box<dyn CommonListener>>,
 }
@@ -106,8 +102,6 @@ impl Collector {
             scans: ScanCollector::new(out, force)?,
             components,
             table: Schedule::new(Instant::now()),
-            looked: false,
-            has_more: false,
             listeners,
         })
     }
@@ -168,7 +162,7 @@ impl Collector {
 
     /// Whether there is more to do, whatever comes.
     pub fn has_more(&self) -> bool {
-        self.has_more
+        self.table.has_more
     }
 
     /// Whether so many agents' maps are whole and will not change any more, and all is merged and written.
@@ -231,9 +225,9 @@ impl Collector {
     fn merge_next(&mut self, step: &Step) -> Result<Option<MergeResults>> {
         let (planner, components) = (&mut self.planner, &self.components);
         let plan = self.merger.on_pool(|| planner.plan(step, components));
-        self.has_more = plan.is_cut;
-        if self.table.waits_for_room(Instant::now()) {
-            self.has_more = false;
+        let waits_for_room = self.table.waits_for_room(Instant::now());
+        self.table.has_more = plan.is_cut && !waits_for_room;
+        if waits_for_room {
             return Ok(None);
         }
         let load = self.load(step, &plan);
@@ -241,7 +235,7 @@ impl Collector {
             return Ok(None);
         }
         let is_due = self.table.may_merge(load, Instant::now());
-        if plan.ready.is_some() && (!std::mem::take(&mut self.looked) || !is_due) {
+        if plan.ready.is_some() && self.table.is_turn_of_parts(is_due) {
             return self.look_at(step, &plan);
         }
         if self.planner.prefetcher.pending().is_empty() {
@@ -263,7 +257,7 @@ impl Collector {
         self.whole.is_new |= !is_taken;
         // One may wait for the other.
         let is_next = self.whole.is_left && self.table.pause(self.load(step, &plan)).is_zero();
-        self.has_more |= !is_taken || plan.ready.is_some() || is_next;
+        self.table.has_more |= !is_taken || plan.ready.is_some() || is_next;
         found
     }
 
@@ -282,7 +276,7 @@ impl Collector {
     /// Looks at the parts of the maps by which it is to be seen who met whom. What was found, beside what is known of all
     /// maps.
     fn look_at(&mut self, step: &Step, plan: &Plan) -> Result<Option<MergeResults>> {
-        (self.looked, self.has_more) = (true, true);
+        self.table.parts_looked_at();
         let has_changed =
             self.parts.look(plan, &self.components, &self.merger, &self.folder, step, &mut self.planner)?;
         Ok(has_changed.then(|| self.all_found()))

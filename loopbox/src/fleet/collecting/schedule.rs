@@ -26,6 +26,10 @@ pub(super) struct Schedule {
     written: Option<Instant>,
     /// When the disk was found full.
     full: Option<Instant>,
+    /// Whether parts of maps were looked at since whole maps were due.
+    had_parts: bool,
+    /// Whether there is more to do at once, whatever comes.
+    pub has_more: bool,
 }
 
 /// When something was over, and how long it took.
@@ -63,7 +67,17 @@ impl Schedule {
     /// Of one that begins.
     pub fn new(now: Instant) -> Self {
         let nothing = Done { at: now, took: Duration::ZERO };
-        Self { begun: now, merged: nothing, published: now, optimised: nothing, written: None, full: None }
+        let (written, full, had_parts, has_more) = Default::default();
+        Self {
+            begun: now,
+            merged: nothing,
+            published: now,
+            optimised: nothing,
+            written,
+            full,
+            had_parts,
+            has_more,
+        }
     }
 
     /// How long it is not merged after it was.
@@ -82,6 +96,16 @@ impl Schedule {
     pub fn may_merge(&self, load: Load, now: Instant) -> bool {
         let interval = if load.may_place && !load.may_join { WHOLE_MAPS_INTERVAL } else { Duration::ZERO };
         since(self.merged.at, now) >= self.pause(load).max(interval)
+    }
+
+    /// Whether parts that are ready are looked at next, where whole maps are due or are not: in turns with these.
+    pub fn is_turn_of_parts(&mut self, are_whole_due: bool) -> bool {
+        !std::mem::take(&mut self.had_parts) || !are_whole_due
+    }
+
+    /// Parts are looked at.
+    pub fn parts_looked_at(&mut self) {
+        (self.had_parts, self.has_more) = (true, true);
     }
 
     /// Whether what moves nobody is to be told.
@@ -175,6 +199,16 @@ mod tests {
         let parts = Load { is_over: true, is_left: true, may_place: true, ..Load::default() };
         assert!(!table.may_merge(parts, start + 2999 * MS) && table.may_merge(parts, start + 3 * S));
         assert!(table.may_merge(Load { may_join: true, ..parts }, start));
+    }
+
+    #[test]
+    fn parts_and_whole_maps_are_in_turns_where_both_are_due() {
+        let mut table = Schedule::new(Instant::now());
+        assert!(table.is_turn_of_parts(true) && !table.has_more);
+        table.parts_looked_at();
+        assert!(table.has_more && !table.is_turn_of_parts(true) && table.is_turn_of_parts(true));
+        table.parts_looked_at();
+        assert!(table.is_turn_of_parts(false) && table.is_turn_of_parts(true));
     }
 
     #[test]
