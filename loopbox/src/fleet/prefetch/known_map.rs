@@ -1,5 +1,6 @@
 //! What is known of an agent's map before its images and depths come.
 
+use super::pair::PATIENCE;
 use crate::fleet::agents::FEWEST;
 use features::codec;
 use fleet::hash::ObjectHash;
@@ -14,6 +15,7 @@ use merge::overlap::Glimpse;
 use place_recog::{DirectIndex, Directed, KeyframeFeatures, Vocabulary, WordBag};
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// What a keyframe is merged by, the features first: without them there is nothing to match.
 const PARTS: [Kind; 3] = [Kind::Features, Kind::LossyDepth, Kind::LossyImage];
@@ -33,6 +35,8 @@ pub(super) struct KnownMap {
     pub missing: usize,
     /// How often it changed.
     pub version: u64,
+    /// Since when something is known of it.
+    pub since: Option<Instant>,
 }
 
 impl KnownMap {
@@ -46,6 +50,7 @@ impl KnownMap {
         store: &dyn Objects,
         vocabulary: &Vocabulary,
     ) -> Result<(), String> {
+        self.since.get_or_insert_with(Instant::now);
         let same = self.entries.as_ref().is_some_and(|known| Arc::ptr_eq(known, &snapshot.entries));
         if same && self.missing == 0 {
             return Ok(());
@@ -77,6 +82,11 @@ impl KnownMap {
         self.words.retain(|id, _| is_listed(id));
         self.version += u64::from(self.digests.len() != before);
         Ok(())
+    }
+
+    /// Whether it is known for so long that nobody waits for what becomes of its pairs any more.
+    pub fn is_overdue(&self) -> bool {
+        self.since.is_some_and(|since| since.elapsed() >= PATIENCE)
     }
 
     /// Whether agents may meet: their sensors are of one kind, as far as is known.

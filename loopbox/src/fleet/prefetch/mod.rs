@@ -235,8 +235,9 @@ impl Prefetcher {
     }
 
     /// Has fetched for good the maps whose digests are all here, and that are about to be compared with none, and so those that
-    /// can meet none, or that go on and met one: nobody asks for their further digests then. What is one's own is here
-    /// anyway, and is put together when it is to be merged with others.
+    /// can meet none, or that go on and met one: nobody asks for their further digests then; and those that are overdue, since a
+    /// map that grows among many is about to be compared with some of them all the time, and nobody else has it. What is one's own
+    /// is here anyway, and is put together when it is to be merged with others.
     fn release(&mut self, own: &[Identity], busy: &BTreeSet<Identity>, components: &Components) {
         let is_alone = |agent: &Identity| {
             let mut others = self.agents.keys().filter(|other| *other != agent);
@@ -245,7 +246,8 @@ impl Prefetcher {
         let is_here = |agent: &Identity| {
             self.agents[agent].missing == 0 || is_alone(agent) || components.is_joined(agent)
         };
-        let is_done = |agent: &&Identity| !busy.contains(*agent) && is_here(agent);
+        let is_done =
+            |agent: &&Identity| !busy.contains(*agent) && is_here(agent) || self.agents[*agent].is_overdue();
         let (ready_own, others): (Vec<Identity>, Vec<Identity>) =
             self.agents.keys().filter(is_done).partition(|agent| own.contains(agent));
         self.released.extend(others);

@@ -17,9 +17,9 @@ const PROPOSALS: usize = 32;
 /// Places that are tried by parts of the maps at the most: as many as merging matches before it follows the best.
 const PLACES: usize = 4;
 
-/// How long another one that a pair is left to may take before one looks oneself: twice what two maps of 100 keyframes may take
-/// over 256 kbit/s.
-const PATIENCE: Duration = Duration::from_secs(180);
+/// How long another one that a pair is left to may take before one looks oneself, and how long a map waits for its pairs before all of
+/// it is fetched: twice what two maps of 100 keyframes may take over 256 kbit/s.
+pub(super) const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A place of both maps.
 type Place = [KeyframeId; 2];

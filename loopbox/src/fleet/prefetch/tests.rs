@@ -6,6 +6,7 @@ use fleet::merge_results::PairVerdict;
 use fleet::store::MemoryStore;
 use map::Uuid;
 use place_recog::{WordBag, WordId};
+use std::time::Duration;
 
 fn agent(number: u128) -> Identity {
     Identity { uuid: Uuid::from_u128(number), epoch: 0 }
@@ -153,6 +154,24 @@ fn many_maps_that_come_at_once_are_verified_in_batches() {
     let second = plan();
     assert!(!second.is_cut && second.released.is_empty());
     assert!(second.wanted.values().all(|(objects, _)| !objects.is_empty()));
+}
+
+/// A map that grows among many would never be here, and if its agent broke down, nowhere.
+#[test]
+fn a_map_does_not_wait_for_its_pairs_for_good() {
+    let store = MemoryStore::default();
+    let maps: Vec<MapSnapshot> = (1..=40).map(|number| digested(number, &store)).collect();
+    let mut prefetcher = Prefetcher::new(Vocabulary::shipped());
+    let nobody = (BTreeSet::new(), Components::default());
+    let plan = |prefetcher: &mut Prefetcher| prefetcher.plan(&maps, &[], &store, &nobody.0, &nobody.1);
+    assert!(plan(&mut prefetcher).released.is_empty());
+    let since = |seconds: u64| Instant::now().checked_sub(Duration::from_secs(seconds));
+    for (agent, known_map) in &mut prefetcher.agents {
+        known_map.since = since(if agent.uuid.as_u128() == 7 { 180 } else { 170 });
+    }
+    let waited = plan(&mut prefetcher);
+    // What its pairs ask for still comes first.
+    assert!(waited.released == [agent(7)].into() && !waited.wanted[&agent(7)].0.is_empty());
 }
 
 /// All of their maps says how they lie to each other; of who is alone a part may say where it is.
