@@ -1,6 +1,8 @@
 //! Maps and verdicts in a bucket: the feature `object-store`. `script/buckets` runs these.
 
-use crate::support::{Case, Runs, arg, loopbox};
+#[cfg(not(feature = "object-store"))]
+use crate::support::loopbox;
+use crate::support::{Case, Runs, arg};
 
 #[cfg(not(feature = "object-store"))]
 #[test]
