@@ -5,7 +5,7 @@ use crate::local_map::{KeyframeState, LocalMap, Matched, PointRef, PointState, S
 use crate::select::select;
 use crate::track::TrackParams;
 use crate::triangulate::{TriangulateParams, Triangulator};
-use crate::window::{Limits, Problem, solve_within, variances_by_poses};
+use crate::window::{Limits, OTHER_SHUTTER, Problem, solve_within, variances_by_poses};
 use backend::params;
 use geometry::sensor::{Sensor, UNKNOWNS};
 use geometry::{Pinhole, Se3, median};
@@ -211,20 +211,43 @@ pub(crate) fn optimise_all(
     changes
 }
 
-/// The same, and asks before whether the camera has a rolling shutter.
+/// The same, and asks before whether the camera has a rolling shutter. One that reads columns, as a telephone does that records upright, must
+/// explain much: a focal length that is a few per cent wrong stretches what a camera sees that turns to the side, as reading its columns
+/// one after the other does.
 pub(crate) fn calibrate(map: &mut LocalMap, params: &MappingParams) -> Vec<ScaleChange> {
-    let (iterations, stop) = (params.calibration_iterations, || false);
-    if !map.sensor.is_rolling() && params.readout_sigma > 0.0 {
-        let mut trial = map.clone();
-        let changes = optimise_whole(&mut trial, iterations, [params.readout_sigma; 2], params, &stop);
-        let readout = trial.sensor.plausible_readout();
-        if readout != [0.0; 2] {
-            trial.set_sensor(trial.sensor.with_readout(readout));
-            *map = trial;
-            return together(changes, optimise_all(map, iterations, params, &stop));
+    let is_asked = !map.sensor.is_rolling() && params.readout_sigma > 0.0;
+    let rolling = is_asked.then(|| with_shutter(map, params)).flatten();
+    let at_once = |map: &mut LocalMap| optimise_all(map, params.calibration_iterations, params, &|| false);
+    let Some((rolling, changes)) = rolling else { return at_once(map) };
+    let reads_rows = rolling.sensor.readout[0] == 0.0;
+    if !reads_rows {
+        let otherwise = at_once(map);
+        if left(&rolling) >= OTHER_SHUTTER * left(map) {
+            return otherwise;
         }
     }
-    optimise_all(map, iterations, params, &stop)
+    *map = rolling;
+    changes
+}
+
+/// The map with a rolling shutter, where its readout can be that of one.
+fn with_shutter(map: &LocalMap, params: &MappingParams) -> Option<(LocalMap, Vec<ScaleChange>)> {
+    let (iterations, stop) = (params.calibration_iterations, || false);
+    let mut rolling = map.clone();
+    let changes = optimise_whole(&mut rolling, iterations, [params.readout_sigma; 2], params, &stop);
+    let readout = rolling.sensor.plausible_readout();
+    rolling.set_sensor(rolling.sensor.with_readout(readout));
+    if !rolling.sensor.is_rolling() {
+        return None;
+    }
+    let changes = together(changes, optimise_all(&mut rolling, iterations, params, &stop));
+    Some((rolling, changes))
+}
+
+/// The robust cost that is left of all that a map's keyframes see.
+fn left(map: &LocalMap) -> f64 {
+    let Window { problem, pairs, .. } = Window::build(map, &(0..map.keyframes.len()).collect(), 0);
+    problem.cost(&pairs, &pairs.relative(&problem.frames))
 }
 
 /// Changes that follow each other as one, in order of the keyframes.

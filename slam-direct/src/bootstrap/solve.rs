@@ -2,8 +2,8 @@
 
 use super::{Bootstrap, BootstrapParams, MIN_POINTS};
 use crate::window::{
-    Calibration, DistortedPixel, Pairs, PoseSolver, Problem, SeenPoint, WindowObservation, WindowPoint,
-    least_variance_by_rotation, solve, weigh_sensor,
+    Calibration, DistortedPixel, OTHER_SHUTTER, Pairs, PoseSolver, Problem, SeenPoint, WindowObservation,
+    WindowPoint, least_variance_by_rotation, solve, weigh_sensor,
 };
 use geometry::Se3;
 use geometry::median;
@@ -14,10 +14,6 @@ use std::collections::BTreeMap;
 
 /// Steps of the optimisation at most.
 const MAX_ITERATIONS: usize = 40;
-
-/// Share of its cost that a solution keeps, at most, if a camera that is read otherwise explains much more. Of 207 starts of
-/// recordings that expose all rows at once it is at least 0.98, of hand-held ones with a rolling shutter down to 0.77.
-const OTHER_SHUTTER: f64 = 0.95;
 
 /// Longest readout time of a rolling shutter, seconds: sensors take 5 to 35 milliseconds, and never longer than to the next frame.
 const LONGEST_READOUT: f64 = 0.035;

@@ -22,7 +22,7 @@ mod solve;
 mod tests;
 mod uncertainty;
 
-pub(crate) use calibration::{Calibration, DistortedPixel};
+pub(crate) use calibration::{Calibration, DistortedPixel, OTHER_SHUTTER};
 pub(crate) use cost::{mahalanobis, predict, robust_cost, robust_weight};
 pub(crate) use pairs::{Pairs, Relative};
 pub(crate) use pose::{PoseSolver, SeenPoint, covariance, robust_covariance};

@@ -64,3 +64,16 @@ fn a_scale_that_points_in_view_carry_is_kept_over_a_pure_rotation() {
     let (frames, ratio) = (maps[0].frames.len(), worst_ratio(&drive, &maps[0]));
     assert!(frames == drive.path().len() && ratio < 1.1, "{frames} frames, {ratio}");
 }
+
+/// A focal length that is 4 % short stretches what is seen in a turn, as a shutter does that reads columns. All rows are read at once here.
+#[test]
+fn a_wrong_focal_length_is_not_taken_for_a_shutter_that_reads_columns() {
+    let drive = Drive::of(4 * 321 + 3);
+    let (_, maps) = track(&drive);
+    for map in &maps {
+        let sensor = map.agents.values().find_map(map::AgentInfo::image_sensor);
+        assert!(sensor.is_none_or(|sensor| !sensor.is_rolling()), "{sensor:?}");
+        let ratio = worst_ratio(&drive, map);
+        assert!(ratio < 1.5, "{} frames, {ratio}", map.frames.len());
+    }
+}
