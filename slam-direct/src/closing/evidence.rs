@@ -78,12 +78,6 @@ pub(super) fn test(
         return Err(NoLoop::NoScale);
     };
 
-    let trajectory = Trajectory::until(local, current);
-    let path_length =
-        trajectory.between(LocalMap::id(old), LocalMap::id(current)).map_or(0.0, |[_, path]| path);
-    let poses = [old, current].map(|k| local.world_from_keyframe(k));
-    let drift_check =
-        |current_from_old: &Sim3| drift::check(poses, &current_from_old.inverse(), path_length, p);
     let guess = align(local, current, old, &proposal.candidate, params);
     let seen = match_side(local, &old_side, current, guess, &params.track);
     if !seen.is_good(p.min_matched, p.min_share) {
@@ -97,6 +91,12 @@ pub(super) fn test(
         relative.translation * scale / current_scale,
         scale * old_scale / current_scale,
     );
+    let trajectory = Trajectory::until(local, current);
+    let path_length =
+        trajectory.between(LocalMap::id(old), LocalMap::id(current)).map_or(0.0, |[_, path]| path);
+    let poses = [old, current].map(|k| local.world_from_keyframe(k));
+    let drift_check =
+        |current_from_old: &Sim3| drift::check(poses, &current_from_old.inverse(), path_length, p);
     drift_check(&start)?;
     if !is_confirmed(local, &new_side, &old_side, &seen.camera_from_world, scale, params) {
         return Err(NoLoop::Unconfirmed);
