@@ -23,7 +23,7 @@ const AT_ONCE: usize = 64;
 
 #[derive(Default)]
 struct Counts {
-    said: AtomicU64,
+    sent: AtomicU64,
     opened: AtomicU64,
     closed: AtomicU64,
     ends: AtomicBool,
@@ -57,9 +57,9 @@ impl Flood {
             // One that broke down says no more.
             let _ = thread.join();
         }
-        let [said, opened, closed] = [&self.counts.said, &self.counts.opened, &self.counts.closed]
+        let [sent, opened, closed] = [&self.counts.sent, &self.counts.opened, &self.counts.closed]
             .map(|count| count.load(Ordering::Relaxed));
-        format!("{said} messages said, {opened} links opened and {closed} closed")
+        format!("{sent} messages sent, {opened} links opened and {closed} closed")
     }
 }
 
@@ -83,26 +83,26 @@ fn say_all(tcp: &Tcp, events: &Receiver<Event>, peer: u128, counts: &Counts) {
             }
         }
         let Some(link) = link else { continue };
-        let mut said = Vec::new();
+        let mut messages = Vec::new();
         if beat.is_none_or(|beat| beat.elapsed() >= BEAT) {
             beat = Some(Instant::now());
-            said.push(greeting(peer, number));
+            messages.push(greeting(peer, number));
         }
         if pushed.elapsed() >= PUSHES {
             pushed = Instant::now();
             let agent = Identity { uuid: Uuid::from_u128(number << 32 | peer), epoch: 0 };
-            said.push(Message::Stored { agent, begun: 1, revision: number as u64, missing: 1 });
+            messages.push(Message::Stored { agent, begun: 1, revision: number as u64, missing: 1 });
         }
         for _ in 0..AT_ONCE {
             number += 1;
             let hash = ObjectHash::of(&number.to_le_bytes());
-            said.push(match number % 4 {
+            messages.push(match number % 4 {
                 0 => Message::Part { hash, offset: 0, bytes: vec![7; MAX_PART / 8] },
                 _ => Message::Get { hash, offset: 0, length: MAX_PART as u32 },
             });
         }
-        counts.said.fetch_add(said.len() as u64, Ordering::Relaxed);
-        said.iter().for_each(|message| tcp.send(link, message.priority(), message.to_bytes()));
+        counts.sent.fetch_add(messages.len() as u64, Ordering::Relaxed);
+        messages.iter().for_each(|message| tcp.send(link, message.priority(), message.to_bytes()));
     }
 }
 

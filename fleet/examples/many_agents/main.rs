@@ -28,11 +28,11 @@ const EVERY: Duration = Duration::from_secs(1);
 /// How long all agents may take to be held once, and what comes last to be held.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What was heard of the station.
+/// What an agent received of the station.
 #[derive(Default)]
-struct Heard {
-    /// When each version was told that the station does not hold yet.
-    told: BTreeMap<(u64, u64), Instant>,
+struct Received {
+    /// When each version was published that the station does not hold yet.
+    pending: BTreeMap<(u64, u64), Instant>,
     /// Seconds that versions took until the station held them.
     held: Vec<f64>,
     /// When the agent heard first where it is.
@@ -47,7 +47,7 @@ struct Agent {
     publisher: Publisher,
     keyframes: usize,
     service: Service,
-    heard: Arc<Mutex<Heard>>,
+    received: Arc<Mutex<Received>>,
 }
 
 impl Agent {
@@ -57,8 +57,8 @@ impl Agent {
         let identity = Identity { uuid: Uuid::from_u128(number as u128 + 1), epoch: 0 };
         let info = map.agents.get_mut(&AgentId::default()).context("a map of no agent")?;
         (info.identity, info.name) = (Some(identity), format!("agent-{number}"));
-        let heard = Arc::<Mutex<Heard>>::default();
-        let of_thread = Arc::clone(&heard);
+        let received = Arc::<Mutex<Received>>::default();
+        let of_thread = Arc::clone(&received);
         let name = format!("\"agent\":\"{identity}\"");
         let options = ServiceOptions {
             folder: room.join(format!("agent-{number}")),
@@ -70,10 +70,11 @@ impl Agent {
             waits: true,
             keys: Some(Keys::open(keys)?),
         };
-        let service = Service::start(options, move |notice| hear(&mut locked(&of_thread), &name, &notice))?;
+        let service =
+            Service::start(options, move |notice| receive(&mut locked(&of_thread), &name, &notice))?;
         let begun = SystemTime::now().duration_since(UNIX_EPOCH)?.as_millis() as u64;
         let keyframes = map.keyframes.len().div_ceil(2);
-        Ok(Self { map, publisher: Publisher::new(identity, begun), keyframes, service, heard })
+        Ok(Self { map, publisher: Publisher::new(identity, begun), keyframes, service, received })
     }
 
     /// Tells the next version.
@@ -89,7 +90,7 @@ impl Agent {
         part.keyframes.retain(|id, _| id.0 < end);
         part.drop_dangling();
         if let Some(publication) = self.publisher.publish(&part, false)? {
-            locked(&self.heard).told.insert(publication.version.order(), Instant::now());
+            locked(&self.received).pending.insert(publication.version.order(), Instant::now());
             self.service.publish(publication);
         }
         Ok(())
@@ -97,26 +98,26 @@ impl Agent {
 }
 
 /// What an agent, which findings call `name`, makes of what it hears.
-fn hear(heard: &mut Heard, name: &str, notice: &Notice) {
+fn receive(received: &mut Received, name: &str, notice: &Notice) {
     match notice {
         // A version that is held says so of those before it.
         Notice::Stored { version, .. } => {
-            let later = heard.told.split_off(&(version.0, version.1 + 1));
-            let held = std::mem::replace(&mut heard.told, later);
-            heard.held.extend(held.values().map(|told| told.elapsed().as_secs_f64()));
+            let later = received.pending.split_off(&(version.0, version.1 + 1));
+            let held = std::mem::replace(&mut received.pending, later);
+            received.held.extend(held.values().map(|sent_at| sent_at.elapsed().as_secs_f64()));
         }
-        Notice::Results { bytes, .. } if heard.placed.is_none() => {
+        Notice::Results { bytes, .. } if received.placed.is_none() => {
             let is_named = bytes.windows(name.len()).any(|part| part == name.as_bytes());
-            heard.placed = is_named.then(Instant::now);
+            received.placed = is_named.then(Instant::now);
         }
-        Notice::Disconnected { .. } | Notice::Trouble(_) => heard.broken += 1,
+        Notice::Disconnected { .. } | Notice::Trouble(_) => received.broken += 1,
         _ => {}
     }
 }
 
-fn locked(heard: &Mutex<Heard>) -> std::sync::MutexGuard<'_, Heard> {
+fn locked(received: &Mutex<Received>) -> std::sync::MutexGuard<'_, Received> {
     // Every section leaves it whole.
-    heard.lock().unwrap_or_else(PoisonError::into_inner)
+    received.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// The maps in a folder, by their names.
@@ -158,10 +159,10 @@ fn tell(agents: &mut [Agent], seconds: u64) -> Result<()> {
 }
 
 /// Waits until all agents say so; how many do.
-fn wait_for(agents: &[Agent], is_so: impl Fn(&Heard) -> bool) -> usize {
+fn wait_for(agents: &[Agent], is_so: impl Fn(&Received) -> bool) -> usize {
     let begun = Instant::now();
     loop {
-        let count = agents.iter().filter(|agent| is_so(&locked(&agent.heard))).count();
+        let count = agents.iter().filter(|agent| is_so(&locked(&agent.received))).count();
         if count == agents.len() || begun.elapsed() > PATIENCE {
             return count;
         }
@@ -172,9 +173,9 @@ fn wait_for(agents: &[Agent], is_so: impl Fn(&Heard) -> bool) -> usize {
 /// Prints what the agents waited since this was called last.
 fn report(agents: &[Agent], what: &str, spent: Duration) {
     let mut held: Vec<f64> =
-        agents.iter().flat_map(|agent| std::mem::take(&mut locked(&agent.heard).held)).collect();
+        agents.iter().flat_map(|agent| std::mem::take(&mut locked(&agent.received).held)).collect();
     held.sort_by(f64::total_cmp);
-    let broken: usize = agents.iter().map(|agent| locked(&agent.heard).broken).sum();
+    let broken: usize = agents.iter().map(|agent| locked(&agent.received).broken).sum();
     let [p50, p99] = [0.5, 0.99].map(|share| quantile(&held, share));
     println!(
         "{what}: {} versions in {:.1} s, held after {p50:.3} s (p50), {p99:.3} s (p99); {broken} links broke or were refused so far",
@@ -201,14 +202,14 @@ fn main() -> Result<()> {
     let mut agents = (0..count).map(start).collect::<Result<Vec<Agent>>>()?;
     let begun = Instant::now();
     tell(&mut agents, 1)?;
-    let held = wait_for(&agents, |heard| heard.told.is_empty());
+    let held = wait_for(&agents, |received| received.pending.is_empty());
     println!("{held} of {count} agents held once after {:.1} s", begun.elapsed().as_secs_f64());
     report(&agents, "first", begun.elapsed());
     let measured = |agents: &mut [Agent], what: &str| -> Result<()> {
         let (begun, before) = (Instant::now(), station.cpu()?);
         tell(agents, seconds)?;
         station.print(&before, begun.elapsed())?;
-        wait_for(agents, |heard| heard.told.is_empty());
+        wait_for(agents, |received| received.pending.is_empty());
         report(agents, what, begun.elapsed());
         Ok(())
     };
@@ -218,7 +219,7 @@ fn main() -> Result<()> {
         measured(&mut agents, "beside a flood")?;
         println!("flood: {}", flood.end());
     }
-    let placed = wait_for(&agents, |heard| heard.placed.is_some());
+    let placed = wait_for(&agents, |received| received.placed.is_some());
     println!(
         "{placed} of {count} agents told their place, {:.1} s after they began",
         begun.elapsed().as_secs_f64()

@@ -235,7 +235,7 @@ impl Collector {
             return Ok(None);
         }
         let is_due = self.table.may_merge(load, Instant::now());
-        if plan.ready.is_some() && self.table.is_turn_of_parts(is_due) {
+        if plan.ready.is_some() && self.table.are_parts_next(is_due) {
             return self.look_at(step, &plan);
         }
         if self.planner.prefetcher.pending().is_empty() {

@@ -27,7 +27,7 @@ pub(super) struct Schedule {
     /// When the disk was found full.
     full: Option<Instant>,
     /// Whether parts of maps were looked at since whole maps were due.
-    had_parts: bool,
+    were_parts_last: bool,
     /// Whether there is more to do at once, whatever comes.
     pub has_more: bool,
 }
@@ -67,7 +67,7 @@ impl Schedule {
     /// Of one that begins.
     pub fn new(now: Instant) -> Self {
         let nothing = Done { at: now, took: Duration::ZERO };
-        let (written, full, had_parts, has_more) = Default::default();
+        let (written, full, were_parts_last, has_more) = Default::default();
         Self {
             begun: now,
             merged: nothing,
@@ -75,7 +75,7 @@ impl Schedule {
             optimised: nothing,
             written,
             full,
-            had_parts,
+            were_parts_last,
             has_more,
         }
     }
@@ -99,13 +99,13 @@ impl Schedule {
     }
 
     /// Whether parts that are ready are looked at next, where whole maps are due or are not: in turns with these.
-    pub fn is_turn_of_parts(&mut self, are_whole_due: bool) -> bool {
-        !std::mem::take(&mut self.had_parts) || !are_whole_due
+    pub fn are_parts_next(&mut self, are_whole_due: bool) -> bool {
+        !std::mem::take(&mut self.were_parts_last) || !are_whole_due
     }
 
     /// Parts are looked at.
     pub fn parts_looked_at(&mut self) {
-        (self.had_parts, self.has_more) = (true, true);
+        (self.were_parts_last, self.has_more) = (true, true);
     }
 
     /// Whether what moves nobody is to be told.
@@ -204,11 +204,11 @@ mod tests {
     #[test]
     fn parts_and_whole_maps_are_in_turns_where_both_are_due() {
         let mut table = Schedule::new(Instant::now());
-        assert!(table.is_turn_of_parts(true) && !table.has_more);
+        assert!(table.are_parts_next(true) && !table.has_more);
         table.parts_looked_at();
-        assert!(table.has_more && !table.is_turn_of_parts(true) && table.is_turn_of_parts(true));
+        assert!(table.has_more && !table.are_parts_next(true) && table.are_parts_next(true));
         table.parts_looked_at();
-        assert!(table.is_turn_of_parts(false) && table.is_turn_of_parts(true));
+        assert!(table.are_parts_next(false) && table.are_parts_next(true));
     }
 
     #[test]
