@@ -25,6 +25,7 @@ mod recognised;
 mod report;
 mod resume;
 mod shutter;
+mod splitting;
 
 pub use common::Joint;
 pub use error::AgentError;

@@ -6,6 +6,7 @@
 
 mod joining;
 pub(crate) mod params;
+mod splitting;
 
 use crate::agent::{Agent, AgentError, Claim, FrameReport, ResumeMode, TrackingState};
 use crate::exposure::Exposure;
@@ -13,6 +14,7 @@ use crate::frame::{Frame, LossReason};
 use crate::judge::JudgePlace;
 use crate::params::Params;
 use crate::recognise::{Recognise, Recognition};
+use crate::scale::ScaleBreak;
 use geometry::{GrayImage, Image, Pinhole, Swap};
 use joining::FragmentJoin;
 use map::{KeyframeId, Map, MapDelta, PlaceIndex};
@@ -33,6 +35,8 @@ pub struct Atlas {
     recognition: Recognition,
     /// Of the active fragment's keyframes in earlier ones, which are joined by them.
     fragment_join: FragmentJoin,
+    /// The fragment that is to be parted, and where.
+    scale_break: Option<(usize, ScaleBreak)>,
     exposure: Exposure,
     /// Where the keyframes' images and depths are kept, as far as it has room.
     swap: Option<Arc<dyn Swap>>,
@@ -78,6 +82,7 @@ impl Atlas {
             loss: None,
             recognition: Recognition::none(),
             fragment_join: FragmentJoin::default(),
+            scale_break: None,
             exposure: Exposure::default(),
             swap: None,
             judge: None,
@@ -131,7 +136,8 @@ impl Atlas {
             None => self.follow(frame),
             Some(loss) => self.recover(loss, frame),
         };
-        Ok(FrameReport { fragment: self.active, ..report? })
+        let report = self.split_at_break(report?)?;
+        Ok(FrameReport { fragment: self.active, ..report })
     }
 
     /// A frame of a camera that was not lost.

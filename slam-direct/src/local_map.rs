@@ -9,6 +9,8 @@ use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+mod split;
+
 /// A point of a keyframe.
 #[derive(Clone, Debug)]
 pub(crate) struct PointState {

@@ -98,6 +98,18 @@ pub(crate) fn newest_scale_break(map: &LocalMap, closed: &[Edge], params: &Param
     break_at(map, closed, cut, &points[0], params)
 }
 
+/// The same of the cut behind a keyframe, by all points that are seen on both sides.
+pub(crate) fn scale_break_behind(
+    map: &LocalMap,
+    closed: &[Edge],
+    before: KeyframeId,
+    params: &Params,
+) -> Option<ScaleBreak> {
+    let cut = before.0 as usize;
+    let points = spanning(map, cut..cut + 1, 0);
+    break_at(map, closed, cut, &points[0], params)
+}
+
 /// Whether a loop joins keyframes of both sides.
 fn spans(closed: &Edge, cut: usize) -> bool {
     let (first, last) = (closed.from.min(closed.to), closed.from.max(closed.to));

@@ -94,6 +94,14 @@ impl DepthTasks {
         self.by.extend(other.by.into_iter().map(|(keyframe, by)| (count + keyframe, by)));
     }
 
+    /// Parts with what it knows of the keyframes behind the first `count`; nothing may be under way.
+    pub fn split_off(&mut self, count: usize) -> Self {
+        let by = self.by.split_off(&count).into_iter().map(|(keyframe, by)| (keyframe - count, by)).collect();
+        let later = Self { next: self.next.saturating_sub(count), by, swap: self.swap(), ..Self::default() };
+        self.next = self.next.min(count);
+        later
+    }
+
     /// Returns the depths begun before, waiting for them.
     pub fn finish(&mut self) -> impl Iterator<Item = (usize, SemiDense)> + '_ {
         self.pending.drain(..).map(|(keyframe, depth)| (keyframe, depth.join()))

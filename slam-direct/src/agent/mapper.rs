@@ -1,6 +1,7 @@
 //! Mapping: the work after a new keyframe, as a function of the map and a [`Job`]. It may run in the background.
 
 mod absorb;
+mod split;
 
 pub(super) use absorb::{Absorbed, Joined, Link};
 
@@ -138,6 +139,16 @@ impl Mapper {
         self.closer.closed()
     }
 
+    /// Whether a loop is being closed.
+    pub fn closes_a_loop(&self) -> bool {
+        self.closer.is_busy()
+    }
+
+    /// The first keyframe for which companions are of use.
+    pub fn first_open(&self) -> usize {
+        self.depth_tasks.first_open()
+    }
+
     /// Drops the map to start anew; what it taught of the sensor stays.
     pub fn forget(self) -> Self {
         let mut places = self.places;
@@ -166,7 +177,7 @@ impl Mapper {
     /// optimisation of the whole map for its sensor.
     pub fn has_much_to_do(&self, params: &Params) -> bool {
         let next = self.local.keyframes.len() + 1;
-        self.closer.is_busy() || mapping::calibration_is_due(next, self.calibrate_again, &params.mapping)
+        self.closes_a_loop() || mapping::calibration_is_due(next, self.calibrate_again, &params.mapping)
     }
 
     /// Extends the map by a keyframe; takes up what was begun in the background at the one before, and begins more.
@@ -373,7 +384,7 @@ impl Mapper {
             settled: settled.collect(),
             ..MapDelta::default()
         };
-        let (closed, first_open) = (self.closer.closed().to_vec(), self.depth_tasks.first_open());
+        let (closed, first_open) = (self.closer.closed().to_vec(), self.first_open());
         Update {
             view: self.local.clone(),
             delta,

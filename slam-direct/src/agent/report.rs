@@ -53,8 +53,8 @@ pub struct FrameReport {
     /// The changes of the map since the report before, in order; a delta of number 0 begins a map. The frames' poses
     /// are not in it: a map only ever gets more of them, and each is relative to its keyframe.
     pub deltas: Vec<MapDelta>,
-    /// Where the scale was not carried on, some keyframes ago: what was mapped since has a unit of its own, and at the end of the run it
-    /// becomes a map of its own unless a loop is closed over it. Each break is reported once.
+    /// Where the scale was not carried on, some keyframes ago: what was mapped since has a unit of its own. An [`Atlas`](crate::Atlas)
+    /// makes a fragment of it, in which this report is, and goes on there. Each break is reported once.
     pub scale_break: Option<ScaleBreak>,
     /// Loop closed after this frame: `(newer, older)` keyframe.
     pub closed_loop: Option<(KeyframeId, KeyframeId)>,

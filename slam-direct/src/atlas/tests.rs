@@ -10,6 +10,7 @@ mod claims;
 mod moving;
 mod recognised;
 mod scale;
+mod splitting;
 
 const RATE: f64 = 20.0;
 

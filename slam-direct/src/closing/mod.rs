@@ -188,6 +188,18 @@ impl LoopCloser {
         self.pending = None;
     }
 
+    /// Parts with the loops among the keyframes behind the first `count`; those between both parts are dropped, and so is one that is
+    /// being closed.
+    pub fn split_off(&mut self, count: usize) -> Self {
+        let own = |id: KeyframeId| Some(KeyframeId(id.0.checked_sub(count as u32)?));
+        let later = |edge: &Edge| Some(Edge { from: own(edge.from)?, to: own(edge.to)?, ..edge.clone() });
+        let later = Self::of(self.closed.iter().filter_map(later).collect());
+        self.closed.retain(|edge| own(edge.from.max(edge.to)).is_none());
+        self.futile.retain(|(newer, _)| *newer < count);
+        self.pending = None;
+        later
+    }
+
     /// The loops that were closed.
     pub fn closed(&self) -> &[Edge] {
         &self.closed

@@ -36,6 +36,31 @@ fn a_map_that_is_appended_looks_the_same_from_its_keyframes() {
 }
 
 #[test]
+fn a_map_that_is_appended_and_split_off_again_is_as_it_was() {
+    let views = views();
+    let mut map = exact_map(&views, 16);
+    let (first, other) = (map.clone(), exact_map(&views, 12));
+    map.append(other.clone(), &Sim3::identity());
+    // The last keyframe sees a point of the first one, and its own point is seen there alone.
+    let own = PointRef { host: 3, index: map.keyframes[3].points.len() };
+    let seen = |keyframe| SeenAt { keyframe, pixel: [5.0, 6.0], information: [1.0, 0.0, 1.0] };
+    let across = PointState { observations: vec![seen(0)], ..map.keyframes[3].points[0].clone() };
+    map.keyframes[3].points.push(across);
+    map.keyframes[0].seen.push(own);
+    map.observe(PointRef { host: 0, index: 0 }, seen(3));
+    let mut later = map.split_off(2);
+    assert!(!later.point(PointRef { host: 1, ..own }).alive);
+    later.keyframes[1].points.pop();
+    for (part, expected) in [(&map, &first), (&later, &other)] {
+        assert_eq!(part.keyframes.len(), 2);
+        let of = |map: &LocalMap| {
+            format!("{:?}", map.keyframes.iter().map(|k| (&k.points, &k.seen)).collect::<Vec<_>>())
+        };
+        assert!(of(part) == of(expected));
+    }
+}
+
+#[test]
 fn reference_points_lie_where_the_keyframe_sees_them() {
     let views = views();
     let map = exact_map(&views, 16);
