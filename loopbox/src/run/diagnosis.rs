@@ -93,7 +93,10 @@ impl Losses {
             progress.note_of("lost", &format!("tracking goes on since {at}{whose}"));
         }
         if let Some(found) = report.scale_break {
-            let text = format!("the scale was not carried on some keyframes before {at}: {}", found.text());
+            let text = format!(
+                "the scale was not carried on some keyframes before {at}: {}; what came since is a map of its own, in a unit of its own",
+                found.text()
+            );
             progress.warn_of("scale", &text);
         }
         if report.claim == Some(Claim::Refused) {

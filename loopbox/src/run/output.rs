@@ -281,6 +281,7 @@ mod tests {
             cost: Cost::default(),
             map: MapCounts::default(),
             fragments: Vec::new(),
+            revisits: Vec::new(),
             files: Vec::new(),
             rows: Vec::new(),
         }

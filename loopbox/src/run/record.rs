@@ -8,6 +8,7 @@ pub use frame_row::{FrameRow, state_name};
 
 use crate::run::fragment_record::Fragment;
 use crate::run::resuming::Resumed;
+use crate::run::revisits::Revisit;
 use crate::run::without_depth::WithoutDepth;
 use geometry::{Camera, Pinhole};
 use map::StampedPose;
@@ -54,6 +55,10 @@ pub struct RunRecord {
     /// The parts of the run that hang together, that of most frames first; several where a loss parted them and they saw
     /// no place in common.
     pub fragments: Vec<Fragment>,
+    /// Places that features proposed in the finished maps as seen twice, and whether the map was corrected by each or why not; those that
+    /// were tracked or closed before are not among them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub revisits: Vec<Revisit>,
     /// The files of results, by names relative to their folder.
     pub files: Vec<String>,
     /// Each processed frame.
@@ -95,6 +100,9 @@ impl RunRecord {
         let without = without
             .filter(WithoutDepth::is_much)
             .map(|without| ("keyframes without depth", format!("{:.0} %", 100.0 * without.share)));
+        let refused = self.revisits.iter().filter(|one| one.refused.is_some()).count();
+        let refused =
+            (refused > 0).then(|| ("places seen twice that were not believed", refused.to_string()));
         let doubts = (frames.scale_doubts > 0)
             .then(|| ("frames at which the scale may have changed", frames.scale_doubts.to_string()));
         let breaks = (frames.scale_breaks > 0)
@@ -105,6 +113,7 @@ impl RunRecord {
             .chain(latency)
             .chain(missed)
             .chain(without)
+            .chain(refused)
             .chain(breaks)
             .chain(doubts)
             .chain(left_out);

@@ -1,12 +1,13 @@
 //! Loops that features find in a finished map: places that the camera saw once more from another side, or with more drift than
 //! direct alignment bears. What the keyframes at both ends make of each other is a claim like a merge, and is judged like one.
 
-use crate::merging::{Input, MergingParams};
+use crate::merging::{Input, MergingParams, refusal};
 use crate::run::Progress;
 use map::{Edge, KeyframeId, Map, PlaceCandidate, PlaceIndex};
 use merge::prepared::PreparedMap;
-use merge::verification::{Place, meet};
+use merge::verification::{Place, TestedPlace, meet};
 use place_recog::{BowIndex, Proposal, Vocabulary, ranked};
+use serde::Serialize;
 use slam_direct::{ClosingParams, Trajectory, close_loop};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -25,17 +26,31 @@ const ROUNDS: usize = 2;
 /// Most pairs of ends that are judged without a loop, in a map: each takes about a second.
 const FUTILE: usize = 5;
 
-/// Closes the loops of a map that features find and that stand the tests of a merge. Maps of several agents stay as they are.
-pub fn closed(mut map: Map, params: &ClosingParams, progress: &dyn Progress) -> Map {
+/// A pair of ends of which it was asked whether they are one place.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Revisit {
+    /// The frame by which the place was proposed, where the camera came back.
+    pub frame: u64,
+    /// The earlier frame that shares features with it.
+    pub earlier_frame: u64,
+    /// Why the map was not corrected by it; nothing where it was.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
+}
+
+/// Closes the loops of a map that features find and that stand the tests of a merge, and tells what became of each place that was proposed.
+/// Maps of several agents stay as they are.
+pub fn closed(mut map: Map, params: &ClosingParams, progress: &dyn Progress) -> (Map, Vec<Revisit>) {
+    let mut revisits = Vec::new();
     if !params.enabled || map.agents.len() != 1 || map.keyframes.len() <= params.search.min_gap as usize {
-        return map;
+        return (map, revisits);
     }
     let vocabulary = Vocabulary::shipped();
     // Of a copy, whose keyframes are given words: without a loop the map stays as it is, to the last byte.
-    let Ok(input) = Input::of(map.clone(), Path::new(""), &vocabulary) else { return map };
+    let Ok(input) = Input::of(map.clone(), Path::new(""), &vocabulary) else { return (map, revisits) };
     let mut proposals = proposals(&input, &vocabulary, params);
     if proposals.is_empty() {
-        return map;
+        return (map, revisits);
     }
     progress.stage("looking for places that were seen twice");
     let merging = merging();
@@ -45,14 +60,19 @@ pub fn closed(mut map: Map, params: &ClosingParams, progress: &dyn Progress) -> 
         let (places, others): (Vec<Proposal>, _) = proposals.into_iter().partition(|p| ends.contain(p));
         proposals = others;
         let found = ends.loops(&map, &input, &places, &merging);
-        if found.is_empty() || close_loop(&mut map, found, params).is_err() {
+        let closed =
+            found.and_then(|found| close_loop(&mut map, found, params).map_err(|why| why.to_string()));
+        let frame = |id| map.keyframes.get(&id).map_or(0, |keyframe| keyframe.frame_index);
+        let (frame, earlier_frame) = (frame(best.query), frame(best.keyframe));
+        revisits.push(Revisit { frame, earlier_frame, refused: closed.clone().err() });
+        if closed.is_err() {
             futile += 1;
             continue;
         }
         let joined = Joined::of(&map);
         proposals.retain(|p| !joined.see_one_place(p.query, p.keyframe));
     }
-    map
+    (map, revisits)
 }
 
 /// As maps are merged; fewer places are asked of one pair of ends, for they are few.
@@ -144,16 +164,35 @@ impl Ends {
         self.old.contains(&proposal.keyframe) && self.new.contains(&proposal.query)
     }
 
-    /// The edges between both ends, where these are one place by all that a merge asks.
-    fn loops(&self, map: &Map, input: &Input, places: &[Proposal], params: &MergingParams) -> Vec<Edge> {
+    /// The edges between both ends, where these are one place by all that a merge asks; else why they are not.
+    fn loops(
+        &self,
+        map: &Map,
+        input: &Input,
+        places: &[Proposal],
+        params: &MergingParams,
+    ) -> Result<Vec<Edge>, String> {
         let [old, new] = [&self.old, &self.new].map(|end| part(map, end));
         let [old, new] = [&old, &new].map(|part| PreparedMap::new(part, &input.features, &params.key_points));
         let places: Vec<Place> =
             places.iter().map(|p| Place { source: p.query, target: p.keyframe }).collect();
         let tested = meet(&new, &old, &places, &params.verification, &params.further);
         let accepted = tested.iter().find_map(|tested| tested.outcome.accepted());
-        accepted.and_then(|evaluated| evaluated.joined.clone()).map_or_else(Vec::new, |joined| joined.edges)
+        match accepted.and_then(|evaluated| evaluated.joined.clone()) {
+            Some(joined) => Ok(joined.edges),
+            None => Err(why_not(tested)),
+        }
     }
+}
+
+/// Why none of the places was accepted: the refusal of the one that came farthest.
+fn why_not(tested: Vec<TestedPlace>) -> String {
+    let stage = |tested: &TestedPlace| {
+        (tested.outcome.is_undecided(), tested.outcome.evaluated().is_some(), tested.match_count)
+    };
+    let farthest = tested.iter().max_by_key(|tested| stage(tested));
+    let why = farthest.and_then(|tested| refusal(&tested.outcome));
+    why.unwrap_or_else(|| "its keyframes show no place of the other end".to_owned())
 }
 
 /// Some keyframes of a map and the edges between them.
@@ -219,7 +258,11 @@ mod tests {
     fn a_place_that_is_seen_again_closes_the_loop() {
         let (map, truth) = round(0.03);
         let before = gap(&map, &truth);
-        let closed = closed(map, &ClosingParams::default(), &Silent);
+        let (closed, revisits) = closed(map, &ClosingParams::default(), &Silent);
+        assert!(
+            revisits.iter().any(|one| one.refused.is_none() && one.frame >= one.earlier_frame + 15),
+            "{revisits:?}"
+        );
         let loops: Vec<&Edge> = closed.edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).collect();
         assert!(!loops.is_empty());
         assert!(loops.iter().all(|edge| edge.from.0.abs_diff(edge.to.0) >= 15), "{loops:?}");
@@ -233,7 +276,8 @@ mod tests {
         let params = ClosingParams { max_drift: 0.005, ..ClosingParams::default() };
         let poses = |map: &Map| map.keyframes.values().map(|k| k.world_from_keyframe).collect::<Vec<_>>();
         let before = poses(&map);
-        let closed = closed(map, &params, &Silent);
+        let (closed, revisits) = closed(map, &params, &Silent);
         assert_eq!((poses(&closed), closed.edges.len()), (before, 45));
+        assert!(revisits.iter().all(|one| one.refused.is_some()), "{revisits:?}");
     }
 }

@@ -228,6 +228,7 @@ impl<'a> Run<'a> {
         if report.fragment != self.fragment {
             self.fragment = report.fragment;
             watch.begin_anew();
+            self.note_break(report.scale_break);
         }
         let latency_ms = taken.map(|taken| taken.elapsed().as_secs_f64() * 1e3);
         let ms = started.elapsed().as_secs_f64() * 1e3;
@@ -244,6 +245,12 @@ impl<'a> Run<'a> {
         watch.after((index, timestamp, row.ms), latency_ms, report, (&deltas, map), dropped);
         self.keep(row);
         Ok(deltas)
+    }
+
+    /// Notes why the fragment begins that the newest frame was given to, if that is because the scale of the one before it is not carried on.
+    fn note_break(&mut self, found: Option<ScaleBreak>) {
+        let first = self.map().keyframes.values().next().map(|first| first.frame_index);
+        self.scale_breaks.extend(first.zip(found));
     }
 
     /// Keeps the row of a frame; of a run that may go on for ever, those of the last hours.

@@ -139,16 +139,21 @@ impl Session<'_> {
     ) -> Result<Result<(RunRecord, Option<String>)>> {
         let leaves = run.leaves_its_maps(self.stop);
         let mut maps = run.maps(&self.about, !leaves);
+        let mut revisits = Vec::new();
         if !leaves {
             if self.features && !run.localises() {
                 let closing = &self.setup.params.closing;
-                maps = maps.into_iter().map(|map| revisits::closed(map, closing, self.progress)).collect();
+                let closed = maps.into_iter().map(|map| revisits::closed(map, closing, self.progress));
+                let of_maps: Vec<_>;
+                (maps, of_maps) = closed.unzip();
+                revisits = of_maps.concat();
             }
             maps = fragments::joined(maps, self.progress);
         }
         // Where nobody looks, what it went on in may not be anywhere else by now.
         let apart = if self.unattended { None } else { run.leave_out_kept(&mut maps) };
         let mut record = run.record(&self.setup, ahead, self.stop.requested(), &maps);
+        record.revisits = revisits;
         if record.frames.tracked == 0 {
             output.fail(&record)?;
             let why = run.failure().map_or_else(|| run.why_nothing_was_tracked(), str::to_owned);

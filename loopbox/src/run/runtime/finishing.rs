@@ -325,6 +325,7 @@ impl Run<'_> {
             shutter: maps.first().and_then(ShutterRecord::new),
             map: maps.first().map(MapCounts::new).unwrap_or_default(),
             fragments,
+            revisits: Vec::new(),
             files: Vec::new(),
             rows: self.rows.clone(),
         }
