@@ -1,5 +1,5 @@
 //! Makes the frame in which descriptors are written, from images: as it ships, from those of `render_scenes 60 4`.
-//! `cargo run --release -p features --example train_basis -- FOLDER [STEP [AXES]] > features/src/codec/shipped.basis`
+//! `cargo run --release -p loopbox-features --example train_basis -- FOLDER [STEP [AXES]] > features/src/codec/shipped.basis`
 
 use features::{Descriptor, SiftParams, sift};
 use geometry::GrayImage;

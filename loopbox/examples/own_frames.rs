@@ -1,5 +1,5 @@
 //! Maps frames that another program hands over, as they come: here a thread that reads images takes the place of a camera's driver.
-//! `cargo run --release -p loopbox --example own_frames -- demo/parking_a out`
+//! `cargo run --release -p loopbox-core --example own_frames -- demo/parking_a out`
 
 use anyhow::{Context, Result, bail};
 use loopbox::run::{PreparedRun, RunOptions, Silent};

@@ -1,5 +1,5 @@
 //! Tracks a folder of images with its calibration and says where the camera is at each:
-//! `cargo run --release -p loopbox --example track -- demo/parking_a`.
+//! `cargo run --release -p loopbox-core --example track -- demo/parking_a`.
 
 use anyhow::Error;
 use slam_direct::{Agent, Frame, Params};

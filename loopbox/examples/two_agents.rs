@@ -1,5 +1,5 @@
 //! Maps the recordings of two agents, merges their maps and says how far each is from the truth:
-//! `cargo run --release -p loopbox --example two_agents -- demo/parking_a demo/parking_c out`.
+//! `cargo run --release -p loopbox-core --example two_agents -- demo/parking_a demo/parking_c out`.
 
 use loopbox::{MergeOptions, RunOptions, evaluate, merge_maps, run};
 use std::path::PathBuf;

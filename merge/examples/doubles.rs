@@ -1,5 +1,5 @@
 //! Verdicts on doubles of places and on the same places changed, one line a pair:
-//! `cargo run -p merge --example doubles -- KIND|tuned|shown PLACES GRAIN NOISE`
+//! `cargo run -p loopbox-merge --example doubles -- KIND|tuned|shown PLACES GRAIN NOISE`
 //! with exact maps of ways past PLACES places of each share that differs; or on parts of the maps in two files, which show one place:
 //! `… -- files PARTS A B`, each cut into so many.
 

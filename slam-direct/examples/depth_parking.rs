@@ -1,7 +1,7 @@
 //! Measures the depth filter against exact depth, with exact poses.
 //!
 //! ```text
-//! cargo run --release -p slam-direct --example depth_parking -- DATA [OUT] [SEQUENCE…]
+//! cargo run --release -p loopbox-slam-direct --example depth_parking -- DATA [OUT] [SEQUENCE…]
 //! ```
 //! `DATA` holds the sequences (`parking_a`, …); with `OUT`, depth and error maps of a few keyframes are
 //! written there as PNG. `DEPTH_PARAMS` takes a JSON object of parameters over the defaults, `DEPTH_STRIDE=6`

@@ -1,8 +1,8 @@
 //! Prints how true the stated uncertainties of live poses are, on rendered recordings.
 //!
 //! ```text
-//! cargo run --release -p slam-direct --example nees -- SEEDS [FIRST SEED]
-//! cargo run --release -p slam-direct --example nees -- readout SEEDS [FIRST SEED]
+//! cargo run --release -p loopbox-slam-direct --example nees -- SEEDS [FIRST SEED]
+//! cargo run --release -p loopbox-slam-direct --example nees -- readout SEEDS [FIRST SEED]
 //! ```
 
 #[path = "../tests/nees/measure.rs"]

@@ -17,6 +17,6 @@ pub struct AbsentArgs {
 pub fn refuse(args: &AbsentArgs, commands: &str, feature: &str) -> Result<()> {
     let _ = &args.ignored;
     usage(Err(anyhow!(
-        "{commands}: this program was built without\nhint: cargo build --release -p agent-bin --features {feature} builds it with"
+        "{commands}: this program was built without\nhint: cargo build --release -p loopbox --features {feature} builds it with"
     )))
 }

@@ -41,7 +41,7 @@ impl Ros2Args {
         #[cfg(not(feature = "ros2"))]
         if self.is_wanted() {
             anyhow::bail!(
-                "--ros2: this program was built without zenoh\nhint: cargo build --release -p agent-bin --features ros2 builds it with; \
+                "--ros2: this program was built without zenoh\nhint: cargo build --release -p loopbox --features ros2 builds it with; \
                  `loopbox export MAP --ros2 FILE` writes a bag without it"
             );
         }

@@ -4,6 +4,7 @@ use crate::markdown::{blocks, book, read, repository, spans};
 use agent_bin::commands::Cli;
 use clap::{Command, CommandFactory};
 use std::fs;
+use std::path::PathBuf;
 
 /// The words of a line of a shell, command by command; comments, pipes and redirections left out.
 pub fn words(line: &str) -> Vec<Vec<String>> {
@@ -115,17 +116,21 @@ fn script_fault(words: &[String]) -> Option<String> {
 
 fn cargo_fault(words: &[String]) -> Option<String> {
     let root = repository();
+    let manifest_in = |folder: PathBuf| fs::read_to_string(folder.join("Cargo.toml")).ok();
+    let of_package = |name: &str| {
+        let entries = fs::read_dir(&root).expect("the repository is there");
+        let mut manifests = entries.filter_map(Result::ok).filter_map(|entry| manifest_in(entry.path()));
+        manifests.find(|manifest| manifest.contains(&format!("[package]\nname = \"{name}\"\n")))
+    };
     let after = |flag: &str| words.iter().position(|word| word == flag).and_then(|at| words.get(at + 1));
-    let manifest = |name: &str| fs::read_to_string(root.join(name).join("Cargo.toml")).ok();
-    let package = after("-p").or(after("--path")).map(String::as_str);
-    if let Some(package) = package
-        && manifest(package).is_none()
-    {
-        return Some(format!("there is no package {package}"));
-    }
-    let features = manifest(package.unwrap_or("agent-bin"))?;
-    let wrong = after("--features")?.split(',').find(|name| !features.contains(&format!("\n{name} = [")))?;
-    Some(format!("{} has no feature {wrong}", package.unwrap_or("agent-bin")))
+    let (package, manifest) = match (after("-p"), after("--path")) {
+        (Some(name), _) => (&**name, of_package(name)),
+        (None, Some(folder)) => (&**folder, manifest_in(root.join(folder))),
+        (None, None) => ("loopbox", of_package("loopbox")),
+    };
+    let Some(manifest) = manifest else { return Some(format!("there is no package {package}")) };
+    let wrong = after("--features")?.split(',').find(|name| !manifest.contains(&format!("\n{name} = [")))?;
+    Some(format!("{package} has no feature {wrong}"))
 }
 
 fn fault(words: &[String]) -> Option<String> {
@@ -185,7 +190,11 @@ fn wrong_commands_are_found() {
     assert!(wrong("script/setup --video").is_none());
     assert!(wrong("script/setup --nothing").unwrap().contains("--nothing"));
     assert!(wrong("script/nothing").unwrap().contains("script/nothing"));
-    assert!(wrong("cargo build -p agent-bin --features nothing").unwrap().contains("nothing"));
+    assert!(wrong("cargo build -p loopbox --features nothing").unwrap().contains("nothing"));
+    assert!(wrong("cargo test -p loopbox-map NAME").is_none());
+    assert!(wrong("cargo test -p map NAME").unwrap().contains("no package map"));
+    assert!(wrong("cargo install --path agent-bin --features ros2").is_none());
+    assert!(wrong("cargo install --path loopbox-map").unwrap().contains("no package loopbox-map"));
     assert_eq!(words("a 'b c' && d | e").len(), 3);
     assert!(!is_anybodys_flag("nothing-of-the-kind"));
 }

@@ -4,7 +4,7 @@
 //! say why.
 //!
 //! `LOOPBOX_KEEP=1` keeps each test's recording and results and says where; `LOOPBOX_DATA` names the folder of the
-//! sequences with ground truth. A single test: `cargo test -p agent-bin --test e2e -- --nocapture NAME`.
+//! sequences with ground truth. A single test: `cargo test -p loopbox --test e2e -- --nocapture NAME`.
 
 mod board;
 mod claims;

@@ -1,5 +1,5 @@
 //! Compares who finds features, and what of them a codec keeps, on pairs of images with true poses:
-//! `cargo run --release -p features --features opencv-sift --example compare -- DATA [SETS [MAKERS [RATIO]]]`, where DATA is
+//! `cargo run --release -p loopbox-features --features opencv-sift --example compare -- DATA [SETS [MAKERS [RATIO]]]`, where DATA is
 //! the folder of the sequences, SETS a part of a set's name, MAKERS the makers, with commas, and RATIO the ratio test's.
 //!
 //! Of each set of pairs and each pair of makers it tells the matches that survive mutual choice and ratio test,

@@ -1,7 +1,7 @@
 //! Many agents at one station, all of them in this process and each with keys of its own: what they cost the station, and how long a
 //! version of a map takes until the station holds it, alone and beside peers that flood it.
 //!
-//! `cargo run --release -p fleet --example many_agents -- PROGRAM MAPS AGENTS SECONDS FLOODERS ROOM`: the `loopbox` whose station is
+//! `cargo run --release -p loopbox-fleet --example many_agents -- PROGRAM MAPS AGENTS SECONDS FLOODERS ROOM`: the `loopbox` whose station is
 //! measured, a folder of maps (the agents take them in turns), and a folder that is made. Every agent tells a version a second: at first
 //! half of its keyframes, then one more each time, and then others' poses.
 

@@ -3,8 +3,8 @@
 //! part.
 
 use super::agents::Inputs;
-use super::collecting::{Failed, WRITE_INTERVAL};
 use super::common_listener::CommonListener;
+use super::common_maps::{Failed, WRITE_INTERVAL};
 use super::merge_results::reported_verdict;
 use super::remembering::Content;
 use crate::blobs::MemoryBlobs;

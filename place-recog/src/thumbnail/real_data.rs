@@ -1,5 +1,5 @@
 //! Recall on real sequences. Run with
-//! `LOOPBOX_DATA=… cargo test -p place-recog --release -- --ignored recall --nocapture`.
+//! `LOOPBOX_DATA=… cargo test -p loopbox-place-recog --release -- --ignored recall --nocapture`.
 
 use super::*;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,5 @@
 //! Basin and accuracy of direct Sim(3) alignment on rendered sequences with ground-truth depth. Run with
-//! `LOOPBOX_DATA=… cargo test -p slam-direct --release -- --ignored sim3 --nocapture`.
+//! `LOOPBOX_DATA=… cargo test -p loopbox-slam-direct --release -- --ignored sim3 --nocapture`.
 
 use super::*;
 use crate::test_data::{camera, data, keyframe, poses};

@@ -1,6 +1,6 @@
 //! Measures the LiDAR libraries on folders of scans that hold `groundtruth.txt` (TUM).
 //!
-//! `cargo run --release -p slam-lidar --example lidar -- COMMAND FOLDER…`
+//! `cargo run --release -p loopbox-slam-lidar --example lidar -- COMMAND FOLDER…`
 //! - `odometry`, `floam`, `a-loam`: errors and time of a sweep;
 //! - `loops`: loops closed and refused, errors before and after;
 //! - `sites LOT WORDS`: ray-cast drives of a lot, no folders, with the loops that are wrong and the metres that are guessed;

@@ -58,6 +58,6 @@ pub fn open_camera(_args: &CameraArgs) -> Result<Box<dyn FrameSource>> {
 pub fn not_built() -> anyhow::Error {
     anyhow::anyhow!(
         "this program was built without cameras\nhint: they need Linux; build there with `cargo build --release -p \
-         agent-bin --features camera`, or record with another tool and run the recording"
+         loopbox --features camera`, or record with another tool and run the recording"
     )
 }

@@ -15,6 +15,10 @@ use place_recog::Vocabulary;
 use sources::Stop;
 use std::collections::BTreeMap;
 use std::sync::Arc;
+use std::time::Duration;
+
+/// How much is looked at in a batch, of whole maps and of parts.
+pub(super) const SHARE: Share = Share { pairs: 64, time: Duration::from_millis(500) };
 
 /// Merges maps of cameras.
 pub(super) struct Merger {

@@ -2,7 +2,7 @@
 //!
 //! What is there of each map is assembled, and all maps are merged anew. So the result does not depend on the order in which things
 //! came, and once all is there it is byte for byte that of `loopbox merge --no-optimise` on the agents' own files. Pairs are verified
-//! in batches ([`Share`]): after each batch the agents are told where they are.
+//! in batches ([`Share`](crate::merging::Share)): after each batch the agents are told where they are.
 //!
 //! `parts` looks at parts of maps before all of them is here, `whole` merges all that is here, both by the `merger`;
 //! `schedule` says what is due and when. The joint pose graph, which takes seconds of many maps, and the writing of the common
@@ -18,15 +18,12 @@ mod step;
 mod whole;
 mod worker;
 
-pub(super) use schedule::WRITE_INTERVAL;
-
 use super::agents::NotUpdated;
 use super::common_listener::CommonListener;
 use super::components::Components;
 use super::prefetch::Plan;
 use super::scans::ScanCollector;
 use super::waiting::Waits;
-use crate::merging::Share;
 use crate::results::{Owner, Results, is_of_the_disk};
 use crate::store::Store;
 use anyhow::Result;
@@ -45,8 +42,6 @@ use std::time::{Duration, Instant};
 use step::Step;
 use whole::{OptimiseWhen, Round, Whole};
 
-/// How much is looked at in a batch, of whole maps and of parts.
-const SHARE: Share = Share { pairs: 64, time: Duration::from_millis(500) };
 /// How long maps are taken in before they are merged.
 const TAKING: Duration = Duration::from_millis(500);
 /// How long pairs that are left are looked at in the end.
@@ -71,14 +66,6 @@ pub(super) struct Collector {
     table: Schedule,
     /// Who hears of the common maps.
     listeners: Vec<Box<dyn CommonListener>>,
-}
-
-/// What went wrong.
-pub(super) enum Failed {
-    /// Maps cannot be merged.
-    Merge(anyhow::Error),
-    /// Results cannot be written.
-    Write(anyhow::Error),
 }
 
 impl Collector {
@@ -277,8 +264,8 @@ impl Collector {
     /// maps.
     fn look_at(&mut self, step: &Step, plan: &Plan) -> Result<Option<MergeResults>> {
         self.table.parts_looked_at();
-        let has_changed =
-            self.parts.look(plan, &self.components, &self.merger, &self.folder, step, &mut self.planner)?;
+        self.parts.take_in(plan, &self.merger, &self.folder, step)?;
+        let has_changed = self.parts.look(plan, &self.components, &self.merger, step, &mut self.planner);
         Ok(has_changed.then(|| self.all_found()))
     }
 

@@ -1,7 +1,6 @@
 //! Parts of maps by which it is seen whether they met, before all of them is here.
 
-use super::SHARE;
-use super::merger::{Looking, Merger, merged_pairs};
+use super::merger::{Looking, Merger, SHARE, merged_pairs};
 use super::planning::Planner;
 use super::step::Step;
 use crate::fleet::agents::{Inputs, Maps, NotUpdated};
@@ -56,19 +55,11 @@ impl Parts {
         }
     }
 
-    /// Looks at those parts of the maps by which it is to be seen who met whom. Whether anything came of it.
+    /// Takes in those parts of the maps by which it is to be seen who met whom.
     ///
     /// # Errors
     /// When a map cannot be written.
-    pub fn look(
-        &mut self,
-        plan: &Plan,
-        components: &Components,
-        merger: &Merger,
-        folder: &Path,
-        step: &Step,
-        planner: &mut Planner,
-    ) -> Result<bool> {
+    pub fn take_in(&mut self, plan: &Plan, merger: &Merger, folder: &Path, step: &Step) -> Result<()> {
         for (agent, keyframes) in plan.ready.iter().flatten() {
             self.only.entry(*agent).or_default().extend(keyframes);
         }
@@ -81,6 +72,18 @@ impl Parts {
                 Err(NotUpdated::Unwritten(error)) => return Err(error),
             }
         }
+        Ok(())
+    }
+
+    /// Looks at the parts that are taken in, at the pairs which the plan names. Whether anything came of it.
+    pub fn look(
+        &mut self,
+        plan: &Plan,
+        components: &Components,
+        merger: &Merger,
+        step: &Step,
+        planner: &mut Planner,
+    ) -> bool {
         let maps = self.maps.of_cameras();
         // Parts may have too little depth to be looked at.
         let is_any = maps.inputs.len() > 1;
@@ -109,14 +112,14 @@ impl Parts {
                     .pair_verdicts
                     .retain(|pair_verdict| pair_verdict.agents.iter().all(|agent| there.contains(agent)));
                 self.found = before.overlaid_by(&found(&maps.inputs, &merging, &maps.whole, |_| true));
-                Ok(true)
+                true
             }
             nothing => {
                 planner.prefetcher.record_outcome(&[], &pairs, &*step.store);
                 if let (Err(error), false) = (nothing, step.stop.requested()) {
                     (step.warn)(&format!("parts of the maps are not merged: {error:#}"));
                 }
-                Ok(false)
+                false
             }
         }
     }

@@ -1,12 +1,11 @@
 //! What is due and when, by what was done last and how long that took. It is told the time.
 
+use crate::fleet::common_maps::WRITE_INTERVAL;
 use std::time::{Duration, Instant};
 
 /// Time between merges at the least, and in terms of that which one took while maps grow.
 const PAUSE: Duration = Duration::from_millis(250);
 const PAUSE_FACTOR: u32 = 2;
-/// How often the common map is written while maps still grow.
-pub(in crate::fleet) const WRITE_INTERVAL: Duration = Duration::from_secs(30);
 /// How long whole maps wait where parts may give an agent its place.
 const WHOLE_MAPS_INTERVAL: Duration = Duration::from_secs(3);
 /// How often is told what moves nobody.

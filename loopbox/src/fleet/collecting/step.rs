@@ -1,7 +1,7 @@
 //! What a step of the collector works with.
 
-use super::Failed;
 use crate::fleet::agents::Place;
+use crate::fleet::common_maps::Failed;
 use anyhow::Result;
 use fleet::merge_results::MergeResults;
 use fleet::node::MapSnapshot;

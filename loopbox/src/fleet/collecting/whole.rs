@@ -1,15 +1,15 @@
 //! Maps of cameras of which all is fetched: merged as far as it is here, and settled beside that.
 
 use super::keeping::{Asked, Keeper};
-use super::merger::{Looking, Merger, merged_pairs};
+use super::merger::{Looking, Merger, SHARE, merged_pairs};
 use super::optimisation::{Job, Outcome, optimise};
 use super::planning::Planner;
 use super::schedule::Schedule;
 use super::step::Step;
 use super::worker::Worker;
-use super::{Failed, SHARE};
 use crate::fleet::agents::{Inputs, Maps};
 use crate::fleet::common_listener::CommonListener;
+use crate::fleet::common_maps::Failed;
 use crate::fleet::components::Components;
 use crate::fleet::merge_results::found;
 use crate::fleet::remembering::Content;

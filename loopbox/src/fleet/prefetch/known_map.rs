@@ -1,6 +1,5 @@
 //! What is known of an agent's map before its images and depths come.
 
-use super::pair::PATIENCE;
 use crate::fleet::agents::FEWEST;
 use features::codec;
 use fleet::hash::ObjectHash;
@@ -15,10 +14,14 @@ use merge::overlap::Glimpse;
 use place_recog::{DirectIndex, Directed, KeyframeFeatures, Vocabulary, WordBag};
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What a keyframe is merged by, the features first: without them there is nothing to match.
 const PARTS: [Kind; 3] = [Kind::Features, Kind::LossyDepth, Kind::LossyImage];
+
+/// How long another one that a pair is left to may take before one looks oneself, and how long a map waits for its pairs before all of
+/// it is fetched: twice what two maps of 100 keyframes may take over 256 kbit/s.
+pub(super) const PATIENCE: Duration = Duration::from_secs(180);
 
 /// What is known of an agent's map.
 #[derive(Default)]

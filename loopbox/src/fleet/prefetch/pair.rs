@@ -1,7 +1,7 @@
 //! How far two maps are looked at, and what that takes next.
 
 use super::PushNew;
-use super::known_map::KnownMap;
+use super::known_map::{KnownMap, PATIENCE};
 use crate::fleet::agents::FEWEST;
 use fleet::manifest::Kind;
 use fleet::store::Objects;
@@ -9,17 +9,13 @@ use map::KeyframeId;
 use place_recog::{Proposal, ProposeParams, RankParams, Vocabulary, propose, ranked};
 use std::collections::BTreeSet;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Proposals by words whose features are looked at. Of opposite directions the best place is 25th and 30th by words
 /// (`place_recog::ranked`).
 const PROPOSALS: usize = 32;
 /// Places that are tried by parts of the maps at the most: as many as merging matches before it follows the best.
 const PLACES: usize = 4;
-
-/// How long another one that a pair is left to may take before one looks oneself, and how long a map waits for its pairs before all of
-/// it is fetched: twice what two maps of 100 keyframes may take over 256 kbit/s.
-pub(super) const PATIENCE: Duration = Duration::from_secs(180);
 
 /// A place of both maps.
 type Place = [KeyframeId; 2];
@@ -264,6 +260,7 @@ impl Pair {
 mod tests {
     use super::*;
     use place_recog::WordBag;
+    use std::time::Duration;
 
     #[test]
     fn a_pair_is_left_to_another_one_for_three_minutes_and_anew_once_its_agent_comes_back() {
