@@ -191,6 +191,7 @@ impl Assembler {
             return Ok(None);
         };
         let color = color.map(|bytes| color_of(id, &bytes)).transpose()?.flatten();
+        let features = features.map(|bytes| bytes.to_vec().into());
         Ok(Some(Keyframe { features, color, ..keyframe }))
     }
 

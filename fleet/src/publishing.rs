@@ -226,7 +226,7 @@ impl Step<'_> {
         let mut same_features = true;
         if let Some(features) = &keyframe.features {
             let same = before.and_then(|before| before.features.as_ref());
-            same_features = same.is_some_and(|same| Arc::ptr_eq(same, features));
+            same_features = same.is_some_and(|same| std::ptr::eq(&**same, &**features));
             if !same_features || !self.keep(Kind::Features, number) {
                 self.add(Kind::Features, number, features.to_vec())?;
             }

@@ -81,7 +81,7 @@ fn grow(map: &mut Map, i: u32, numbers: &mut Random) {
         scan: None,
         semi_dense: semi_dense.into(),
         points,
-        features: Some((0..3000).map(|k| (k * 7 + i) as u8).collect()),
+        features: Some((0..3000).map(|k| (k * 7 + i) as u8).collect::<Vec<u8>>().into()),
         words: None,
     };
     map.keyframes.insert(id, keyframe);

@@ -144,6 +144,8 @@ impl<T: PartialEq> PartialEq for Buffer<T> {
     }
 }
 
+impl<T: Eq> Eq for Buffer<T> {}
+
 impl<T> FromIterator<T> for Buffer<T> {
     fn from_iter<I: IntoIterator<Item = T>>(values: I) -> Self {
         values.into_iter().collect::<Vec<T>>().into()

@@ -9,7 +9,7 @@ use crate::merging::manifest::{assembled, is_manifest, maps_of};
 use crate::results::map_in;
 use anyhow::Result;
 use geometry::Swap;
-use map::{LoadedMap, Map, MapError, SensorKind, is_map_file, load_map, load_map_swapped};
+use map::{Map, SensorKind, is_map_file, load_map, load_map_swapped};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
@@ -46,30 +46,27 @@ pub fn sensors_at(maps: &[PathBuf]) -> Sensors {
 /// # Errors
 /// When there is none, or it cannot be read.
 pub fn open_map(path: &Path) -> Result<OpenedMap> {
-    opened(path, |file| load_map(file))
+    opened(path, None)
 }
 
-/// [`open_map`] of a map whose images and depths `swap` keeps, as far as it has room, from when they are read.
+/// [`open_map`] of a map whose images, depths, features and words `swap` keeps, as far as it has room, from when they are read.
 ///
 /// # Errors
 /// As [`open_map`].
 pub(crate) fn open_map_swapped(path: &Path, swap: &dyn Swap) -> Result<OpenedMap> {
-    opened(path, |file| load_map_swapped(file, swap))
+    opened(path, Some(swap))
 }
 
-fn opened(path: &Path, load: impl Fn(&Path) -> Result<LoadedMap, MapError>) -> Result<OpenedMap> {
+fn opened(path: &Path, swap: Option<&dyn Swap>) -> Result<OpenedMap> {
     let (file, note) = map_file_at(path)?;
     if is_manifest(&file) {
-        return assembled(&file, &|map| of_file(map_file_at(map)?, &load));
+        return assembled(&file, &|map| of_file(map_file_at(map)?, swap), swap);
     }
-    of_file((file, note), &load)
+    of_file((file, note), swap)
 }
 
-fn of_file(
-    (file, note): (PathBuf, Option<String>),
-    load: &impl Fn(&Path) -> Result<LoadedMap, MapError>,
-) -> Result<OpenedMap> {
-    let loaded = load(&file)?;
+fn of_file((file, note): (PathBuf, Option<String>), swap: Option<&dyn Swap>) -> Result<OpenedMap> {
+    let loaded = swap.map_or_else(|| load_map(&file), |swap| load_map_swapped(&file, swap))?;
     let of_file = loaded.warnings.iter().map(|warning| format!("{}: {warning}", file.display()));
     let warnings = note.into_iter().chain(of_file).collect();
     Ok(OpenedMap { file, map: with_edges(loaded.map), warnings })

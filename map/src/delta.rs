@@ -1,9 +1,8 @@
 //! Changes of a map: who works on a map publishes them, and who stores or shows it applies them.
 
-use crate::{AgentId, Edge, Keyframe, KeyframeId, Map, Point, SemiDense, Shared};
+use crate::{AgentId, Edge, Keyframe, KeyframeId, Map, Point, SemiDense, Shared, SharedBytes};
 use geometry::Sim3;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// What one step of work changed in an agent's map.
 ///
@@ -55,7 +54,7 @@ pub struct Described {
     /// Which.
     pub keyframe: KeyframeId,
     /// Its [`features`](Keyframe::features).
-    pub features: Arc<[u8]>,
+    pub features: SharedBytes,
 }
 
 impl MapDelta {

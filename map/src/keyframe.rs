@@ -1,6 +1,6 @@
 //! Keyframes, their inverse depth, and the edges between them.
 
-use crate::{AgentId, Color, Colors, Scan, Shared};
+use crate::{AgentId, Color, Colors, Scan, Shared, SharedBytes};
 use geometry::{Buffer, GrayImage, Sim3, Swap, median};
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
@@ -37,9 +37,9 @@ pub struct Keyframe {
     /// The sparse points hosted here, with their observations: what the joint optimisation works on.
     pub points: Vec<Point>,
     /// The local features of the image, as the crate `features` encodes them; `None` if they were not extracted.
-    pub features: Option<Arc<[u8]>>,
+    pub features: Option<SharedBytes>,
     /// The words of these features, as the crate `place-recog` writes them; `None` if they were not looked up.
-    pub words: Option<Arc<[u8]>>,
+    pub words: Option<SharedBytes>,
 }
 
 impl Keyframe {
@@ -72,18 +72,20 @@ impl Keyframe {
         self.color.as_ref()?.decoded((self.image.width(), self.image.height())).ok()
     }
 
-    /// Keeps image and depth, of which others have no copies yet, where `swap` has room for them.
+    /// Keeps image, depth, features and words, of which others have no copies yet, where `swap` has room for them.
     pub fn swap_out(&mut self, swap: &dyn Swap) {
         if let Some(image) = self.image.swapped_out(swap) {
             self.image = Arc::new(image);
         }
         self.semi_dense = std::mem::take(&mut *self.semi_dense).swapped_out(swap).into();
+        [&mut self.features, &mut self.words].into_iter().flatten().for_each(|bytes| bytes.swap_out(swap));
     }
 
-    /// Frees the memory of image and depth, if they are swapped out, until they are used again.
+    /// Frees the memory of image, depth, features and words, if they are swapped out, until they are used again.
     pub fn rest(&self) {
         self.image.rest();
         self.semi_dense.rest();
+        [&self.features, &self.words].into_iter().flatten().for_each(|bytes| bytes.rest());
     }
 }
 

@@ -48,7 +48,7 @@ pub use place::{PlaceCandidate, PlaceIndex};
 pub use rectified::{Rectified, rectified, rectified_depths, sensor_entries};
 pub use scan::Scan;
 pub use sensor::{Sensor, SensorKind};
-pub use shared::Shared;
+pub use shared::{Shared, SharedBytes};
 pub use summary::{AgentSummary, Summary};
 pub use trajectory::{FramePose, StampedPose};
 pub use uuid::Uuid;
@@ -85,14 +85,14 @@ impl Map {
         Self { agents: [(AgentId::default(), agent)].into(), ..Self::without_agents() }
     }
 
-    /// Keeps images and depths of all keyframes, of which others have no copies yet, where `swap` has room for them; they
-    /// are in memory again when they are looked at.
+    /// Keeps images, depths, features and words of all keyframes, of which others have no copies yet, where `swap` has room
+    /// for them; they are in memory again when they are looked at.
     pub fn swap_out(&mut self, swap: &dyn Swap) {
         self.keyframes.values_mut().for_each(|keyframe| keyframe.swap_out(swap));
         self.rest();
     }
 
-    /// Gives back the memory of images and depths that are swapped out, until they are looked at again.
+    /// Gives back the memory of what is swapped out of the keyframes, until it is looked at again.
     pub fn rest(&self) {
         self.keyframes.values().for_each(Keyframe::rest);
     }

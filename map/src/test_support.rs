@@ -149,7 +149,7 @@ fn keyframe(id: KeyframeId, camera: &Pinhole, numbers: &mut Numbers) -> Keyframe
         semi_dense: semi_dense.into(),
         points: (0..4).map(|i| point(i, numbers)).collect(),
         // Every other keyframe has some.
-        features: (id.0 % 2 == 1).then(|| (0..id.0 as u8 + 3).collect()),
+        features: (id.0 % 2 == 1).then(|| (0..id.0 as u8 + 3).collect::<Vec<u8>>().into()),
         words: None,
     }
 }

@@ -1,7 +1,7 @@
 //! The features of a map's keyframes: found now, or kept with the map and read when they are first asked for.
 
 use crate::features::{Descriptor, Features, Keypoint, codec};
-use map::KeyframeId;
+use map::{KeyframeId, SharedBytes};
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -13,7 +13,7 @@ pub struct KeyframeFeatures(BTreeMap<KeyframeId, OfKeyframe>);
 #[derive(Debug)]
 struct OfKeyframe {
     /// As [`codec`] writes them.
-    stored: Option<Arc<[u8]>>,
+    stored: Option<SharedBytes>,
     read: Mutex<Option<Arc<Features>>>,
 }
 
@@ -36,7 +36,7 @@ impl KeyframeFeatures {
     }
 
     /// The same for features as [`codec`] writes them. Those that cannot be read are none.
-    pub fn insert_stored(&mut self, id: KeyframeId, bytes: Arc<[u8]>) {
+    pub fn insert_stored(&mut self, id: KeyframeId, bytes: SharedBytes) {
         self.0.insert(id, OfKeyframe { stored: Some(bytes), read: Mutex::default() });
     }
 
@@ -64,8 +64,12 @@ impl KeyframeFeatures {
 
     /// Gives back the memory of those that were read, until they are asked for again: they stay stored.
     pub fn rest(&self) {
-        let stored = self.0.values().filter(|of_keyframe| of_keyframe.stored.is_some());
-        stored.for_each(|of_keyframe| drop(of_keyframe.read().take()));
+        for of_keyframe in self.0.values() {
+            if let Some(stored) = &of_keyframe.stored {
+                drop(of_keyframe.read().take());
+                stored.rest();
+            }
+        }
     }
 
     /// Whether the keyframe is here.

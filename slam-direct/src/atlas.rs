@@ -17,7 +17,7 @@ use crate::recognise::{Recognise, Recognition};
 use crate::scale::ScaleBreak;
 use geometry::{GrayImage, Image, Pinhole, Swap};
 use joining::FragmentJoin;
-use map::{KeyframeId, Map, MapDelta, PlaceIndex};
+use map::{KeyframeId, Map, MapDelta, PlaceIndex, SharedBytes};
 pub use params::AtlasParams;
 use std::sync::Arc;
 
@@ -339,8 +339,8 @@ impl Atlas {
 
     /// Stores the features of the keyframe with this image, whichever fragment has it; the next report of that
     /// fragment contains them.
-    pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: &Arc<[u8]>) {
-        self.fragments.iter_mut().any(|agent| agent.describe(keyframe, image, Arc::clone(features)));
+    pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: &SharedBytes) {
+        self.fragments.iter_mut().any(|agent| agent.describe(keyframe, image, features.clone()));
     }
 
     /// The changes of the active fragment's map since its last report (see [`Agent::take_deltas`]).

@@ -8,7 +8,7 @@
 use crate::background::Task;
 use crate::frame::Frame;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
-use map::{KeyframeId, SemiDense, Shared};
+use map::{KeyframeId, SemiDense, Shared, SharedBytes};
 use std::sync::Arc;
 
 /// A keyframe with depth, by which a frame may be recognised.
@@ -25,7 +25,7 @@ pub struct KnownView {
     /// Its depth, in its unit.
     pub semi_dense: Shared<SemiDense>,
     /// Its features as maps store them, if they were found already.
-    pub features: Option<Arc<[u8]>>,
+    pub features: Option<SharedBytes>,
 }
 
 /// Where a frame may have been taken.

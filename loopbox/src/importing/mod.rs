@@ -103,7 +103,7 @@ pub fn import(folder: &Path, options: &ImportOptions) -> Result<Imported> {
     let agents = [(map::AgentId::default(), info)].into();
     let mut map = Map { agents, keyframes, edges, frames, merge_provenance: Default::default() };
     if options.features {
-        find_features(&mut map);
+        find_features(&mut map, None);
     }
     Ok(Imported { map, layout, warnings })
 }

@@ -2,20 +2,21 @@
 
 use crate::run::describing::complete as find_features;
 use features::{Features, codec};
-use map::{Keyframe, KeyframeId, Map};
+use geometry::Swap;
+use map::{Keyframe, KeyframeId, Map, SharedBytes};
 use place_recog::{FeatureWords, KeyframeFeatures, Vocabulary};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 /// The features that are kept with a keyframe; nothing where there are none, or none that can be read.
 pub(super) fn decoded(keyframe: &Keyframe) -> Option<Features> {
     codec::decode(keyframe.features.as_deref()?).ok()
 }
 
-/// Gives the keyframes of a map the features and words that a merge would give them.
-pub(super) fn describe(map: &mut Map, vocabulary: &Vocabulary) {
-    Described::of(map, vocabulary);
+/// Gives the keyframes of a map the features and words that a merge would give them. `swap` keeps those found now, as far as
+/// it has room.
+pub(super) fn describe(map: &mut Map, vocabulary: &Vocabulary, swap: Option<&dyn Swap>) {
+    Described::of(map, vocabulary, swap);
 }
 
 /// What a map's keyframes with depth look like. Keyframes without could be recognised, but nothing could come of it.
@@ -29,20 +30,20 @@ pub(super) struct Described {
 
 impl Described {
     /// Features and words that are kept in the map; where it has none, or none that can be read, those found now, which it
-    /// keeps from now on.
-    pub fn of(map: &mut Map, vocabulary: &Vocabulary) -> Self {
+    /// keeps from now on, by `swap` as far as that has room.
+    pub fn of(map: &mut Map, vocabulary: &Vocabulary, swap: Option<&dyn Swap>) -> Self {
         let mut all = Self::default();
-        all.take_in(map, vocabulary);
-        all.found = find_features(map);
+        all.take_in(map, vocabulary, swap);
+        all.found = find_features(map, swap);
         if all.found > 0 {
             // As they come back from the map, so that it makes no difference when they were found.
-            all.take_in(map, vocabulary);
+            all.take_in(map, vocabulary, swap);
         }
         all
     }
 
     /// Takes in the keyframes that are not here and have features.
-    fn take_in(&mut self, map: &mut Map, vocabulary: &Vocabulary) {
+    fn take_in(&mut self, map: &mut Map, vocabulary: &Vocabulary, swap: Option<&dyn Swap>) {
         let lacks = |(id, keyframe): &(&KeyframeId, &mut Keyframe)| {
             !keyframe.semi_dense.is_empty() && !self.features.contains(**id)
         };
@@ -50,9 +51,13 @@ impl Described {
             .keyframes
             .par_iter_mut()
             .filter(lacks)
-            .filter_map(|(id, keyframe)| Some((*id, look_up(keyframe, vocabulary)?)))
+            .filter_map(|(id, keyframe)| {
+                let (words, stored) = look_up(keyframe, vocabulary, swap)?;
+                stored.rest();
+                Some((*id, words, stored))
+            })
             .collect();
-        for (id, (words, stored)) in looked_up {
+        for (id, words, stored) in looked_up {
             self.features.insert_stored(id, stored);
             self.words.insert(id, words);
         }
@@ -61,7 +66,11 @@ impl Described {
 
 /// The words of the features that are kept with a keyframe, kept with them or looked up now, and the features; nothing where
 /// there are none, or none that can be read, which are forgotten.
-fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<(FeatureWords, Arc<[u8]>)> {
+fn look_up(
+    keyframe: &mut Keyframe,
+    vocabulary: &Vocabulary,
+    swap: Option<&dyn Swap>,
+) -> Option<(FeatureWords, SharedBytes)> {
     let kept = keyframe.words.as_deref().and_then(|words| FeatureWords::from_bytes(words, vocabulary));
     if let Some(found) = kept.zip(keyframe.features.clone()) {
         return Some(found);
@@ -71,6 +80,8 @@ fn look_up(keyframe: &mut Keyframe, vocabulary: &Vocabulary) -> Option<(FeatureW
         return None;
     };
     let words = FeatureWords::of(&features, vocabulary);
-    keyframe.words = Some(words.to_bytes(vocabulary).into());
+    let mut bytes = SharedBytes::from(words.to_bytes(vocabulary));
+    swap.into_iter().for_each(|swap| bytes.swap_out(swap));
+    keyframe.words = Some(bytes);
     Some((words, keyframe.features.clone()?))
 }

@@ -47,8 +47,8 @@ pub struct InputSeconds {
 }
 
 impl Input {
-    /// Reads a map, a `map.mcap` or the folder that holds it, and finds the features of its keyframes, whose images and
-    /// depths `swap` keeps, as far as it has room.
+    /// Reads a map, a `map.mcap` or the folder that holds it, and finds the features of its keyframes. `swap` keeps images,
+    /// depths, features and words, as far as it has room.
     ///
     /// # Errors
     /// When it cannot be read, or holds nothing that could be merged: no keyframes, or none with depth.
@@ -56,7 +56,8 @@ impl Input {
         let start = Instant::now();
         let opened = open_map_swapped(path, swap)?;
         let reading = start.elapsed().as_secs_f64();
-        let mut input = Self::of(opened.map, path, vocabulary).map_err(|refused| refused.why)?;
+        let mut input =
+            Self::described(opened.map, path, vocabulary, Some(swap)).map_err(|refused| refused.why)?;
         input.warnings = opened.warnings;
         input.seconds.reading = reading;
         Ok(input)
@@ -66,12 +67,22 @@ impl Input {
     ///
     /// # Errors
     /// When it holds nothing that could be merged, with the map.
-    pub fn of(mut map: Map, path: &Path, vocabulary: &Vocabulary) -> Result<Self, Refused> {
+    pub fn of(map: Map, path: &Path, vocabulary: &Vocabulary) -> Result<Self, Refused> {
+        Self::described(map, path, vocabulary, None)
+    }
+
+    /// [`of`](Self::of) a map of which `swap` keeps the features and words that are found now, as far as it has room.
+    fn described(
+        mut map: Map,
+        path: &Path,
+        vocabulary: &Vocabulary,
+        swap: Option<&dyn Swap>,
+    ) -> Result<Self, Refused> {
         let start = Instant::now();
         if let Err(why) = can_be_merged(&map, path) {
             return Err(Refused { map: Box::new(map), why });
         }
-        let Described { features, words: of_features, found } = Described::of(&mut map, vocabulary);
+        let Described { features, words: of_features, found } = Described::of(&mut map, vocabulary, swap);
         let (words, direct) = words(&of_features, vocabulary);
         let name = name_of(&map);
         let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };

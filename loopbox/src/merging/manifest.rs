@@ -7,6 +7,7 @@ use crate::open::opened::OpenedMap;
 use crate::results::{MANIFEST, Owner, Results, keep_from, map_file_at};
 use crate::verdicts::digest::MapDigest;
 use anyhow::{Context, Result, bail, ensure};
+use geometry::Swap;
 use merge::common_map::{Addresses, Arrangement, Fused, Numbers, Placed};
 use place_recog::Vocabulary;
 use rayon::prelude::*;
@@ -132,11 +133,16 @@ impl ManifestMap {
     }
 }
 
-/// The common map of the manifest at `file`, the first where it is several, made of its maps, which `open` opens.
+/// The common map of the manifest at `file`, the first where it is several, made of its maps, which `open` opens; `swap` keeps
+/// features and words that these lack, as far as it has room.
 ///
 /// # Errors
 /// When the manifest or a map cannot be read, or a map is missing or another.
-pub(crate) fn assembled(file: &Path, open: &dyn Fn(&Path) -> Result<OpenedMap>) -> Result<OpenedMap> {
+pub(crate) fn assembled(
+    file: &Path,
+    open: &dyn Fn(&Path) -> Result<OpenedMap>,
+    swap: Option<&dyn Swap>,
+) -> Result<OpenedMap> {
     let manifest = Manifest::read(file)?;
     let context = || format!("{}: is a damaged manifest", file.display());
     let first = manifest.groups.first().with_context(context)?;
@@ -150,7 +156,7 @@ pub(crate) fn assembled(file: &Path, open: &dyn Fn(&Path) -> Result<OpenedMap>) 
     for (number, line) in lines {
         let mut opened = open(&line.path)?;
         warnings.append(&mut opened.warnings);
-        describe(&mut opened.map, &vocabulary);
+        describe(&mut opened.map, &vocabulary, swap);
         maps.insert(number, opened.map);
     }
     let map = first.assemble(&maps).with_context(context)?;

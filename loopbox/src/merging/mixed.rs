@@ -195,7 +195,7 @@ fn read(given: &Given, warnings: &mut Vec<String>) -> Result<(Vec<ManifestMap>, 
     let mut read = Vec::new();
     for (path, sha256) in given.maps.iter().zip(given.digests(&given.maps)?) {
         let mut opened = open_map(path)?;
-        describe(&mut opened.map, &vocabulary);
+        describe(&mut opened.map, &vocabulary, None);
         warnings.extend(opened.warnings);
         let line = ManifestMap { name: name_of(&opened.map), path: path.clone(), sha256 };
         read.push((line, opened.map));

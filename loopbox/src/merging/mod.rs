@@ -21,6 +21,8 @@ pub(crate) mod params;
 mod places;
 mod record;
 mod report;
+#[cfg(test)]
+mod resting_tests;
 mod rig;
 mod verdict;
 

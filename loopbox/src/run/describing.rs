@@ -4,8 +4,8 @@
 //! so the map is the same however far the thread came.
 
 use features::{SiftParams, codec, sift};
-use geometry::GrayImage;
-use map::{Keyframe, KeyframeId, Map};
+use geometry::{GrayImage, Swap};
+use map::{Keyframe, KeyframeId, Map, SharedBytes};
 use rayon::prelude::*;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -23,7 +23,7 @@ pub struct DescribedKeyframe {
     /// Its image.
     pub image: Arc<GrayImage>,
     /// Its features as maps keep them.
-    pub features: Arc<[u8]>,
+    pub features: SharedBytes,
 }
 
 /// Finds features of keyframes as these come.
@@ -88,10 +88,10 @@ impl Describer {
             let keyframes = maps.iter_mut().filter_map(|map| map.keyframes.get_mut(&keyframe));
             keyframes
                 .filter(|keyframe| Arc::ptr_eq(&keyframe.image, &image))
-                .for_each(|keyframe| keyframe.features = Some(Arc::clone(&features)));
+                .for_each(|keyframe| keyframe.features = Some(features.clone()));
         }
         for map in maps {
-            complete(map);
+            complete(map, None);
         }
     }
 }
@@ -102,20 +102,23 @@ impl Drop for Describer {
     }
 }
 
-/// Finds the features that keyframes with depth do not have yet; says how many keyframes these were.
-pub fn complete(map: &mut Map) -> usize {
+/// Finds the features that keyframes with depth do not have yet, which `swap` keeps as far as it has room; says how many
+/// keyframes these were.
+pub fn complete(map: &mut Map, swap: Option<&dyn Swap>) -> usize {
     let lacks = |keyframe: &&mut Keyframe| keyframe.features.is_none() && !keyframe.semi_dense.is_empty();
     let lacking: Vec<&mut Keyframe> = map.keyframes.values_mut().filter(lacks).collect();
     let count = lacking.len();
     lacking.into_par_iter().for_each(|keyframe| {
-        keyframe.features = Some(described(&keyframe.image));
+        let mut features = described(&keyframe.image);
+        swap.into_iter().for_each(|swap| features.swap_out(swap));
+        keyframe.features = Some(features);
         keyframe.image.rest();
     });
     count
 }
 
 /// Finds the features of an image. Images of maps have pixels; one without would have no features.
-pub(crate) fn described(image: &GrayImage) -> Arc<[u8]> {
+pub(crate) fn described(image: &GrayImage) -> SharedBytes {
     codec::encode(&sift(image, &SiftParams::default()).unwrap_or_default()).into()
 }
 
@@ -160,7 +163,7 @@ mod tests {
     #[test]
     fn all_keyframes_with_depth_have_the_same_features_in_whatever_thread() {
         let (mut at_once, mut in_background) = (map(6), map(6));
-        assert_eq!((complete(&mut at_once), complete(&mut at_once)), (4, 0));
+        assert_eq!((complete(&mut at_once, None), complete(&mut at_once, None)), (4, 0));
         let mut describer = Describer::start().expect("a thread");
         [0, 1, 2].iter().for_each(|id| describer.ask(&in_background.keyframes[&KeyframeId(*id)]));
         let first = loop {

@@ -36,8 +36,8 @@ pub fn load_map(path: impl AsRef<Path>) -> Result<LoadedMap, MapError> {
     load(path.as_ref(), None)
 }
 
-/// [`load_map`] for a map that may exceed memory: `swap` keeps images and depths from the time they are read, as far
-/// as it has room.
+/// [`load_map`] for a map that may exceed memory: `swap` keeps images, depths, features and words from the
+/// time they are read, as far as it has room.
 ///
 /// # Errors
 /// As [`load_map`].

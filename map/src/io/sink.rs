@@ -4,13 +4,12 @@ use super::about::About;
 use super::channels::Channels;
 use super::messages::{FeaturesMessage, GraphMessage};
 use super::{PROFILE, color, convert, picture, scan, views};
-use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapDelta, Moved, SensorKind};
+use crate::{Edge, FramePose, Keyframe, KeyframeId, Map, MapDelta, Moved, SensorKind, SharedBytes};
 use geometry::Sim3;
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Seek, Write};
-use std::sync::Arc;
 
 /// Edges in one message, so that no message outgrows what readers take in one piece.
 const EDGES_PER_MESSAGE: usize = 1 << 14;
@@ -34,7 +33,7 @@ pub(super) struct MapSink<W: Write + Seek> {
     /// Keyframes whose image or scan is written.
     seen: BTreeSet<KeyframeId>,
     /// The features as they were written.
-    features: BTreeMap<KeyframeId, Arc<[u8]>>,
+    features: BTreeMap<KeyframeId, SharedBytes>,
     poses: BTreeMap<KeyframeId, Sim3>,
     /// What [`graph`](Self::graph) wrote last, which it compares with.
     edges: Vec<Edge>,
@@ -96,7 +95,8 @@ impl<W: Write + Seek> MapSink<W> {
         self.poses.insert(keyframe.id, keyframe.world_from_keyframe);
         match &keyframe.features {
             Some(features) => {
-                self.features(keyframe.id, keyframe.timestamp, features, keyframe.words.as_deref())
+                let words = keyframe.words.as_ref().map(|words| &words[..]);
+                self.features(keyframe.id, keyframe.timestamp, features, words)
             }
             None => Ok(()),
         }
@@ -108,14 +108,14 @@ impl<W: Write + Seek> MapSink<W> {
         &mut self,
         id: KeyframeId,
         time: f64,
-        features: &Arc<[u8]>,
+        features: &SharedBytes,
         words: Option<&[u8]>,
     ) -> io::Result<()> {
         if self.features.get(&id) != Some(features) {
             let words = words.map(<[u8]>::to_vec).unwrap_or_default();
             let message = FeaturesMessage { keyframe: id.0, data: features.to_vec(), words };
             self.message(self.channels.features, time, &message)?;
-            self.features.insert(id, Arc::clone(features));
+            self.features.insert(id, features.clone());
         }
         Ok(())
     }

@@ -74,11 +74,17 @@ impl Swap for Full {
 fn a_map_beyond_memory_is_offered_to_what_keeps_it_while_it_is_read() {
     let folder = Folder::new();
     // More than are decoded together.
-    let (map, path) = (sample_map(80), folder.file("map.mcap"));
+    let (mut map, path) = (sample_map(80), folder.file("map.mcap"));
+    let described = map.keyframes.values_mut().filter(|keyframe| keyframe.features.is_some());
+    described.for_each(|keyframe| keyframe.words = Some(vec![3, 1, 4, 1].into()));
     save_map(&path, &map).unwrap();
     let full = Full::default();
     assert_eq!(load_map_swapped(&path, &full).unwrap().map, map);
-    let bytes = |keyframe: &Keyframe| keyframe.image.data().len() + 12 * keyframe.semi_dense.len();
+    let bytes = |keyframe: &Keyframe| {
+        let described = [&keyframe.features, &keyframe.words].into_iter().flatten();
+        let described: usize = described.map(|bytes| bytes.len()).sum();
+        keyframe.image.data().len() + 12 * keyframe.semi_dense.len() + described
+    };
     assert_eq!(full.offered.into_inner(), map.keyframes.values().map(bytes).sum::<usize>());
 }
 

@@ -6,7 +6,7 @@ use crate::local_map::{Companions, LocalMap};
 use crate::publish;
 use crate::scale::{ScaleBreak, scale_breaks};
 use geometry::{GrayImage, Se3};
-use map::{Described, FramePose, KeyframeId, Map, MapDelta};
+use map::{Described, FramePose, KeyframeId, Map, MapDelta, SharedBytes};
 use std::sync::Arc;
 
 impl Agent {
@@ -85,7 +85,7 @@ impl Agent {
 
     /// Stores the features of the keyframe with this image (see [`map::Keyframe::features`]); the next report
     /// contains them. False when the map has no such keyframe.
-    pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: Arc<[u8]>) -> bool {
+    pub fn describe(&mut self, keyframe: KeyframeId, image: &Arc<GrayImage>, features: SharedBytes) -> bool {
         let known = self.map.keyframes.get(&keyframe).is_some_and(|known| Arc::ptr_eq(&known.image, image));
         if known {
             let described = vec![Described { keyframe, features }];

@@ -208,7 +208,7 @@ fn who_takes_in_all_deltas_has_the_map() {
         agent.finish();
         agent.take_deltas().into_iter().for_each(|delta| replica.take_in(delta));
         let map = agent.map();
-        assert_eq!(map.keyframes[&KeyframeId(1)].features.as_deref(), Some(&[1, 2][..]));
+        assert_eq!(map.keyframes[&KeyframeId(1)].features, Some(vec![1, 2].into()));
         assert!(replica.edges == map.edges && !replica.edges.is_empty());
         let same = |(replica, known): (&map::Keyframe, &map::Keyframe)| {
             // Points are brought to where they stand with the whole map at once.

@@ -8,7 +8,9 @@ use crate::io::parts::color_from_bytes;
 use crate::io::records::{Stop, read_chunk};
 use crate::io::scan::{self, SCAN_TOPIC, ScanMessage};
 use crate::io::{FEATURES_TOPIC, GRAPH_TOPIC, IMAGE_TOPIC, KEYFRAME_TOPIC, PROFILE, convert, picture, views};
-use crate::{AgentId, Color, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, Scan, Sensor, check};
+use crate::{
+    AgentId, Color, Edge, FramePose, Identity, Keyframe, KeyframeId, Map, Scan, Sensor, SharedBytes, check,
+};
 use foxglove::messages::CompressedImage;
 use geometry::{GrayImage, Sim3, Swap};
 use mcap::parse_record;
@@ -30,8 +32,8 @@ enum Kind {
 
 /// What a message of features says.
 struct Features {
-    data: Arc<[u8]>,
-    words: Option<Arc<[u8]>>,
+    data: SharedBytes,
+    words: Option<SharedBytes>,
 }
 
 /// Files of images that are decoded together, on all cores.
@@ -43,7 +45,7 @@ pub(super) struct Contents<'a> {
     pub(super) has_header: bool,
     pub(super) about: About,
     channels: BTreeMap<u16, Kind>,
-    /// What keeps images and depths in memory's place.
+    /// What keeps images, depths, features and words in memory's place.
     swap: Option<&'a dyn Swap>,
     /// The files of images that are not decoded yet.
     undecoded: BTreeMap<KeyframeId, Vec<u8>>,
@@ -63,7 +65,7 @@ pub(super) struct Contents<'a> {
 }
 
 impl<'a> Contents<'a> {
-    /// Nothing yet; `swap` keeps images and depths in memory's place.
+    /// Nothing yet; `swap` keeps images, depths, features and words in memory's place.
     pub(super) fn new(swap: Option<&'a dyn Swap>) -> Self {
         Self { swap, ..Self::default() }
     }
@@ -221,8 +223,14 @@ impl<'a> Contents<'a> {
     fn features(&mut self, data: &[u8]) -> Result<(), String> {
         let message =
             FeaturesMessage::decode(data).map_err(|error| format!("features cannot be read: {error}"))?;
-        let words = (!message.words.is_empty()).then(|| message.words.into());
-        self.features.insert(KeyframeId(message.keyframe), Features { data: message.data.into(), words });
+        let kept = |bytes: Vec<u8>| {
+            let mut bytes = SharedBytes::from(bytes);
+            self.swap.into_iter().for_each(|swap| bytes.swap_out(swap));
+            bytes
+        };
+        let (id, data) = (KeyframeId(message.keyframe), kept(message.data));
+        let words = (!message.words.is_empty()).then(|| kept(message.words));
+        self.features.insert(id, Features { data, words });
         Ok(())
     }
 
