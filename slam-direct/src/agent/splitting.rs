@@ -44,7 +44,7 @@ impl Agent {
         };
         let Some(mut mapper) = self.mapper.take() else { return Ok(None) };
         self.end_early();
-        let update = mapper.settle(&std::mem::take(&mut self.motions));
+        let update = mapper.adopt_pending(&std::mem::take(&mut self.motions));
         self.apply_delta(update.delta);
         let count = before.0 as usize + 1;
         let mapper_of_later = mapper.split_off(count, empty.places);

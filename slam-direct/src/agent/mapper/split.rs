@@ -8,14 +8,14 @@ use std::collections::BTreeSet;
 
 impl Mapper {
     /// Adopts the depths that are under way, and these motions of keyframes.
-    pub fn settle(&mut self, motions: &[(usize, Twist)]) -> Update {
+    pub fn adopt_pending(&mut self, motions: &[(usize, Twist)]) -> Update {
         self.learn_motions(motions);
         let settled = self.adopt_depths();
         self.update(BTreeSet::new(), settled, None)
     }
 
     /// Takes off the keyframes behind the first `count`, with what is known of them, for a mapper of their own, whose index of places is
-    /// `places`. What is under way must have been [settled](Self::settle).
+    /// `places`. What is under way must have been [adopted](Self::adopt_pending).
     pub fn split_off(&mut self, count: usize, mut places: Box<dyn PlaceIndex>) -> Self {
         let local = self.local.split_off(count);
         let known = std::mem::replace(&mut self.known, Map::new(local.camera));

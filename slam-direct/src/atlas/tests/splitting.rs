@@ -62,7 +62,7 @@ fn a_fragment_ends_where_its_scale_is_not_carried_on() {
 
 /// Between what was found and when the map may be parted, a loop or more points may have carried the scale.
 #[test]
-fn a_fragment_whose_scale_is_carried_goes_on() {
+fn a_fragment_whose_scale_is_carried_is_not_parted() {
     let here = drive(1, ALL);
     let (mut atlas, _, middle) = tracked(&here);
     atlas.scale_break = Some((0, break_behind(middle)));
