@@ -14,6 +14,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 const IN_MEMORY: u64 = 128 << 20;
 /// Bytes of a file.
 const FILE: usize = 32 << 20;
+/// Bytes, at a multiple of as many, that the system maps at once where one of them is looked at: Linux takes sixteen pages.
+const AROUND: usize = 64 << 10;
 /// Bytes that are left free on the disk, for the results.
 const FREE: u64 = 1 << 30;
 
@@ -123,6 +125,17 @@ struct Piece {
     len: usize,
 }
 
+impl Piece {
+    /// Where what came into memory with the piece is in the file: its start and its length.
+    fn around(&self) -> (usize, usize) {
+        let (file, size) = (self.file.pages.as_ptr() as usize, self.file.pages.len());
+        let start = (file + self.start) / AROUND * AROUND;
+        let end = (file + self.start + self.len).next_multiple_of(AROUND);
+        let start = start.saturating_sub(file);
+        (start, (end - file).min(size) - start)
+    }
+}
+
 // Safety: what was written before anybody got the piece is not written again; the mapping stays where it is.
 unsafe impl Swapped for Piece {
     fn bytes(&self) -> &[u8] {
@@ -131,10 +144,10 @@ unsafe impl Swapped for Piece {
     }
 
     fn rest(&self) {
-        // Safety: a file's pages are not lost with the memory they take. Whether it is given back is the system's affair.
-        let _ = unsafe {
-            self.file.pages.unchecked_advise_range(UncheckedAdvice::DontNeed, self.start, self.len)
-        };
+        let (start, len) = self.around();
+        // Safety: a file's pages are not lost with the memory they take, and neighbours that are in use are read again. Whether it
+        // is given back is the system's affair.
+        let _ = unsafe { self.file.pages.unchecked_advise_range(UncheckedAdvice::DontNeed, start, len) };
     }
 }
 
@@ -162,6 +175,39 @@ mod tests {
         // The file that is being filled stays.
         assert!(swap.on_disk() <= FILE as u64);
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "no file is left behind");
+    }
+
+    /// What is in memory of the mapping that these bytes are in, kB.
+    #[cfg(target_os = "linux")]
+    fn resident(bytes: &[u8]) -> usize {
+        let smaps = std::fs::read_to_string("/proc/self/smaps").unwrap();
+        let at = bytes.as_ptr() as usize;
+        let holds = |line: &&str| {
+            let range = line.split(' ').next().and_then(|range| range.split_once('-'));
+            let address = |text| usize::from_str_radix(text, 16);
+            range.is_some_and(|(start, end)| {
+                matches!((address(start), address(end)), (Ok(start), Ok(end)) if (start..end).contains(&at))
+            })
+        };
+        let rss = smaps.lines().skip_while(|line| !holds(line)).find_map(|line| line.strip_prefix("Rss:"));
+        rss.unwrap().trim().trim_end_matches(" kB").parse().unwrap()
+    }
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn what_comes_into_memory_with_a_small_piece_goes_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let swap = SwapFiles::beyond(folder.path().to_owned(), 0);
+        let small = |k: u8| Buffer::from(vec![k; 3000]).swapped_out(&swap).unwrap();
+        let pieces: Vec<Buffer<u8>> = (0..50).map(small).collect();
+        pieces.iter().for_each(Buffer::rest);
+        assert_eq!(resident(&pieces[0]), 0);
+        for (k, piece) in pieces.iter().enumerate() {
+            assert!(piece.iter().all(|&byte| usize::from(byte) == k));
+            assert!(resident(piece) >= 4);
+            piece.rest();
+            assert_eq!(resident(piece), 0, "piece {k} leaves its neighbours in memory");
+        }
     }
 
     #[test]

@@ -8,6 +8,7 @@
 
 use crate::features::{Features, squared_distance};
 use crate::{FeatureWords, KeyframeFeatures, Proposal, Vocabulary, WordBag, WordId};
+use geometry::{Buffer, Swap};
 use map::KeyframeId;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -38,15 +39,18 @@ impl Default for RankParams {
 
 /// The features of an image in order of their nodes: node and index of the feature.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct DirectIndex(Vec<(u32, u32)>);
+pub struct DirectIndex(Buffer<Entry>);
+
+/// A node and the index of a feature under it.
+type Entry = [u32; 2];
 
 impl DirectIndex {
     /// Sorts the features of an image, whose words these are, under the nodes of the vocabulary.
     pub fn new(words: &FeatureWords, vocabulary: &Vocabulary) -> Self {
-        let node = |(&word, i): (&WordId, u32)| (vocabulary.node(word), i);
-        let mut entries: Vec<(u32, u32)> = words.words().iter().zip(0..).map(node).collect();
+        let node = |(&word, i): (&WordId, u32)| [vocabulary.node(word), i];
+        let mut entries: Vec<Entry> = words.words().iter().zip(0..).map(node).collect();
         entries.sort_unstable();
-        Self(entries)
+        Self(entries.into())
     }
 
     /// The same for features that are looked up now, with the words of the image.
@@ -55,8 +59,21 @@ impl DirectIndex {
         (Self::new(&words, vocabulary), words.bag())
     }
 
-    fn by_node(&self) -> Vec<&[(u32, u32)]> {
-        self.0.chunk_by(|a, b| a.0 == b.0).collect()
+    /// Keeps it where `swap` has room for it, and gives back its memory until it is looked at again.
+    pub fn swap_out(&mut self, swap: &dyn Swap) {
+        if let Some(kept) = self.0.swapped_out(swap) {
+            self.0 = kept;
+            self.rest();
+        }
+    }
+
+    /// Gives back its memory, if it is swapped out, until it is looked at again.
+    pub fn rest(&self) {
+        self.0.rest();
+    }
+
+    fn by_node(&self) -> Vec<&[Entry]> {
+        self.0.chunk_by(|a, b| a[0] == b[0]).collect()
     }
 }
 
@@ -119,7 +136,7 @@ pub fn shared_features(
     let (a, b) = (a.by_node(), b.by_node());
     let (mut i, mut j, mut shared) = (0, 0, 0);
     while i < a.len() && j < b.len() {
-        let order = a[i][0].0.cmp(&b[j][0].0);
+        let order = a[i][0][0].cmp(&b[j][0][0]);
         if order == Ordering::Equal {
             shared += shared_under_node((a[i], of_a), (b[j], of_b), params);
         }
@@ -130,11 +147,11 @@ pub fn shared_features(
 }
 
 fn shared_under_node(
-    (a, of_a): (&[(u32, u32)], &Features),
-    (b, of_b): (&[(u32, u32)], &Features),
+    (a, of_a): (&[Entry], &Features),
+    (b, of_b): (&[Entry], &Features),
     params: &RankParams,
 ) -> usize {
-    let distance = |&(_, i): &(u32, u32), &(_, j): &(u32, u32)| {
+    let distance = |&[_, i]: &Entry, &[_, j]: &Entry| {
         squared_distance(&of_a.descriptors[i as usize], &of_b.descriptors[j as usize])
     };
     let distances: Vec<Vec<u32>> = a.iter().map(|x| b.iter().map(|y| distance(x, y)).collect()).collect();

@@ -171,6 +171,9 @@ pub fn decode(bytes: &[u8]) -> Result<Features, CodecError> {
     if decoder.left() > 0 {
         return Err(CodecError::Damaged);
     }
+    // They stay in memory: of what was reserved on the way up to half is not used.
+    features.keypoints.shrink_to_fit();
+    features.descriptors.shrink_to_fit();
     Ok(features)
 }
 

@@ -58,6 +58,7 @@ impl Input {
         let reading = start.elapsed().as_secs_f64();
         let mut input =
             Self::described(opened.map, path, vocabulary, Some(swap)).map_err(|refused| refused.why)?;
+        input.rest();
         input.warnings = opened.warnings;
         input.seconds.reading = reading;
         Ok(input)
@@ -71,7 +72,8 @@ impl Input {
         Self::described(map, path, vocabulary, None)
     }
 
-    /// [`of`](Self::of) a map of which `swap` keeps the features and words that are found now, as far as it has room.
+    /// [`of`](Self::of) a map of which `swap` keeps the direct index, and the features and words that are found now, as far as
+    /// it has room.
     fn described(
         mut map: Map,
         path: &Path,
@@ -83,7 +85,8 @@ impl Input {
             return Err(Refused { map: Box::new(map), why });
         }
         let Described { features, words: of_features, found } = Described::of(&mut map, vocabulary, swap);
-        let (words, direct) = words(&of_features, vocabulary);
+        let (words, mut direct) = words(&of_features, vocabulary);
+        swap.into_iter().for_each(|swap| direct.values_mut().for_each(|index| index.swap_out(swap)));
         let name = name_of(&map);
         let seconds = InputSeconds { reading: 0.0, features: start.elapsed().as_secs_f64() };
         let (path, warnings) = (path.to_owned(), Vec::new());
@@ -95,6 +98,12 @@ impl Input {
     /// Calls it by its agents' names, told apart from the inputs before it.
     pub fn name_apart_from(&mut self, before: &[Self]) {
         self.name = untaken(&name_of(&self.map), |name| before.iter().any(|other| other.name == name));
+    }
+
+    /// Gives back the memory of what is swapped out, until it is looked at again.
+    pub fn rest(&self) {
+        self.map.rest();
+        self.direct.values().for_each(DirectIndex::rest);
     }
 
     /// The keyframes as the direct index needs them.

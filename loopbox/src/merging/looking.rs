@@ -222,7 +222,7 @@ impl<'a> PairsInWork<'a> {
         });
         keep(&pair_result)?;
         self.ready.keep(pair, prepared);
-        pair.iter().for_each(|&map| inputs[map].map.rest());
+        pair.iter().for_each(|&map| inputs[map].rest());
         if *is_shared {
             let is_joined = pair_result.joined.is_some();
             let was_joined = pair_results.get(pair).is_some_and(|before| before.joined.is_some());

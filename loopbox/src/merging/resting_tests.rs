@@ -124,7 +124,9 @@ fn pieces(input: &Input) -> Vec<usize> {
         let depths = keyframe.semi_dense.len() * 4;
         [keyframe.image.data().len(), depths, depths, depths, described[0], described[1]]
     };
-    input.map.keyframes.values().flat_map(of_keyframe).collect()
+    // Node and feature, four bytes each.
+    let indices = input.words.values().map(|words| 8 * words.features());
+    input.map.keyframes.values().flat_map(of_keyframe).chain(indices).collect()
 }
 
 #[test]
@@ -152,7 +154,7 @@ fn every_piece_counts_once_under_the_bound() {
         let in_memory = all - counting.kept.into_inner();
         let largest = *expected.last().unwrap() as u64;
         assert!((all / 2 - largest..=all / 2).contains(&in_memory), "{in_memory} of {all}");
-        again.map.rest();
+        again.rest();
         again.features.rest();
         assert!(
             again.map == input.map && again.direct == input.direct,
