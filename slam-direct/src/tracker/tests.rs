@@ -162,8 +162,12 @@ fn a_camera_is_expected_as_far_on_as_time_has_passed() {
     let tracker = Tracker { mean_motion: (Twist::zeros(), 0.05), ..tracker };
     let off = |time: f64, expected: Se3| (tracker.expected(time) * expected.inverse()).log().norm();
     assert!(off(1.05, motion) < 1e-12, "the next frame");
+    assert!(off(1.067, motion) < 1e-12 && off(1.037, motion) < 1e-12, "its time stamp jitters by a third");
     assert!(off(1.10, motion * motion) < 1e-9, "after one that was dropped");
     assert!(off(1.15, motion * motion * motion) < 1e-9, "after two");
+    let after = Tracker { mean_motion: (Twist::zeros(), 0.1), ..tracker };
+    let half = (after.expected(1.05) * after.expected(1.05)).log() - motion.log();
+    assert!(half.norm() < 1e-9, "the next after one that was dropped");
     let unknown = Tracker::new(&map, 0, Se3::identity(), motion, &params);
     assert_eq!(unknown.expected(9.0), motion, "of which no time is known");
 }
