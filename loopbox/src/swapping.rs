@@ -195,7 +195,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn what_comes_into_memory_with_a_small_piece_goes_with_it() {
+    fn what_comes_into_memory_with_a_small_piece_rests_with_it() {
         let folder = tempfile::tempdir().unwrap();
         let swap = SwapFiles::beyond(folder.path().to_owned(), 0);
         let small = |k: u8| Buffer::from(vec![k; 3000]).swapped_out(&swap).unwrap();

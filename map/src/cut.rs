@@ -15,6 +15,12 @@ impl Map {
         begins.zip(ends).map(|(begin, end)| self.part(begin, end)).collect()
     }
 
+    /// The same behind one keyframe: what comes up to it, and what comes after it.
+    pub fn cut_in_two(&self, end: KeyframeId) -> [Map; 2] {
+        let begin = end.0 + 1;
+        [self.part(0, begin), self.part(begin, u32::MAX)]
+    }
+
     /// The part with the keyframes whose ids are within a range.
     fn part(&self, begin: u32, end: u32) -> Map {
         let is_in = |id: KeyframeId| (begin..end).contains(&id.0);
@@ -99,6 +105,7 @@ mod tests {
             [(1, 0), (2, 1)]
         );
         assert_eq!(middle.agents, whole.agents);
+        assert!(whole.clone().cut_behind(&[KeyframeId(1)]) == whole.cut_in_two(KeyframeId(1)));
         assert!(whole.clone().cut_behind(&[]) == [whole]);
     }
 }

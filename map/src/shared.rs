@@ -26,6 +26,13 @@ impl From<Vec<u8>> for SharedBytes {
 }
 
 impl SharedBytes {
+    /// Bytes that `swap` keeps, where it has room for them.
+    pub fn kept_by(swap: Option<&dyn Swap>, bytes: Vec<u8>) -> Self {
+        let mut bytes = Self::from(bytes);
+        swap.into_iter().for_each(|swap| bytes.swap_out(swap));
+        bytes
+    }
+
     /// Keeps the bytes where `swap` has room for them and gives back the memory of them, until they are looked at again.
     /// Copies of before stay where they are.
     pub fn swap_out(&mut self, swap: &dyn Swap) {

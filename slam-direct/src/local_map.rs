@@ -316,6 +316,11 @@ impl LocalMap {
         hosted.chain(state.seen.iter().copied()).filter(|&at| self.point(at).alive)
     }
 
+    /// Whether there is anything to track against at a keyframe.
+    pub fn has_points(&self, keyframe: usize) -> bool {
+        self.points_of(keyframe).next().is_some()
+    }
+
     /// The keyframe's points as it sees them, for direct alignment.
     pub fn reference_points(&self, keyframe: usize) -> Vec<ReferencePoint> {
         let state = &self.keyframes[keyframe];

@@ -94,8 +94,7 @@ pub(crate) fn scale_breaks(map: &LocalMap, closed: &[Edge], params: &Params) -> 
 /// The same of one cut, some keyframes before the newest: told once, while the camera is tracked.
 pub(crate) fn newest_scale_break(map: &LocalMap, closed: &[Edge], params: &Params) -> Option<ScaleBreak> {
     let cut = map.keyframes.len().checked_sub(1 + SETTLED)?;
-    let points = spanning(map, cut..cut + 1, cut.saturating_sub(RECENT));
-    break_at(map, closed, cut, &points[0], params)
+    break_behind(map, closed, cut, cut.saturating_sub(RECENT), params)
 }
 
 /// The same of the cut behind a keyframe, by all points that are seen on both sides.
@@ -105,8 +104,18 @@ pub(crate) fn scale_break_behind(
     before: KeyframeId,
     params: &Params,
 ) -> Option<ScaleBreak> {
-    let cut = before.0 as usize;
-    let points = spanning(map, cut..cut + 1, 0);
+    break_behind(map, closed, before.0 as usize, 0, params)
+}
+
+/// The same by points of keyframes from `first` on.
+fn break_behind(
+    map: &LocalMap,
+    closed: &[Edge],
+    cut: usize,
+    first: usize,
+    params: &Params,
+) -> Option<ScaleBreak> {
+    let points = spanning(map, cut..cut + 1, first);
     break_at(map, closed, cut, &points[0], params)
 }
 

@@ -80,8 +80,6 @@ fn look_up(
         return None;
     };
     let words = FeatureWords::of(&features, vocabulary);
-    let mut bytes = SharedBytes::from(words.to_bytes(vocabulary));
-    swap.into_iter().for_each(|swap| bytes.swap_out(swap));
-    keyframe.words = Some(bytes);
+    keyframe.words = Some(SharedBytes::kept_by(swap, words.to_bytes(vocabulary)));
     Some((words, keyframe.features.clone()?))
 }

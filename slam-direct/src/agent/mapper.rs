@@ -4,6 +4,7 @@ mod absorb;
 mod split;
 
 pub(super) use absorb::{Absorbed, Joined, Link};
+pub(super) use split::index_all;
 
 use super::depth_tasks::DepthTasks;
 use crate::closing::LoopCloser;

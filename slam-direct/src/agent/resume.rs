@@ -1,7 +1,7 @@
 //! Resuming a map from an earlier run: to extend it, or only to localise in it.
 
 use super::across::observe_others;
-use super::mapper::{MapQuality, Mapper};
+use super::mapper::{MapQuality, Mapper, index_all};
 use super::{Agent, AgentError, State, error};
 use crate::closing::edges;
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
@@ -67,17 +67,13 @@ impl Agent {
         if is_extended_common {
             observe_others(&mut local, &map, &params);
         }
-        let can_be_tracked = |&k: &usize| local.points_of(k).next().is_some();
         let newest = map.frames.last().map(|frame| frame.reference.0 as usize);
         let newest = newest.filter(|&k| k < local.keyframes.len());
         let mut references = newest.into_iter().chain((0..local.keyframes.len()).rev());
         let reference = references
-            .find(can_be_tracked)
+            .find(|&k| local.has_points(k))
             .ok_or(AgentError::Map("it has no points to track against".into()))?;
-        places.clear();
-        for (index, state) in local.keyframes.iter().enumerate() {
-            places.add(LocalMap::id(index), state.pyramid.base());
-        }
+        index_all(places.as_mut(), &local);
         let mut agent = Self::new(camera, places, params)?;
         let last = match map.frames.last().filter(|frame| LocalMap::id(reference) == frame.reference) {
             // Where the camera was, it is soonest.

@@ -7,7 +7,7 @@ use crate::publish;
 use crate::scale::{ScaleBreak, scale_break_behind};
 use crate::tracker::Tracker;
 use geometry::Se3;
-use map::{KeyframeId, Map, MapDelta, PlaceIndex};
+use map::{KeyframeId, MapDelta, PlaceIndex};
 
 impl Agent {
     /// The break of the scale behind a keyframe, as the map knows it now; `None` where it is carried.
@@ -81,11 +81,9 @@ impl Agent {
 
     /// Parts the map that is handed out; of that of `later` all is told.
     fn split_handed_out(&mut self, later: &mut Agent, before: KeyframeId) {
-        let whole = std::mem::replace(&mut self.map, Map::new(self.camera));
-        let removed = whole.keyframes.range(before..).map(|(id, _)| *id).filter(|id| *id > before).collect();
-        let mut parts = whole.cut_behind(&[before]).into_iter();
-        self.map = parts.next().unwrap_or_else(|| Map::new(self.camera));
-        later.map = parts.next().unwrap_or_else(|| Map::new(self.camera));
+        let later_ids = self.map.keyframes.keys().filter(|id| **id > before);
+        let removed = later_ids.copied().collect();
+        [self.map, later.map] = self.map.cut_in_two(before);
         self.apply_delta(MapDelta { removed, ..MapDelta::default() });
         let mut all = MapDelta::whole(&later.map);
         for keyframe in &mut all.added {
@@ -96,8 +94,7 @@ impl Agent {
 
     /// The tracker of a camera that left the map at its end; `None` of a map without points to track against.
     fn seeking(&self) -> Option<Box<Tracker>> {
-        let can_be_tracked = |&k: &usize| self.view.points_of(k).next().is_some();
-        let last = (0..self.view.keyframes.len()).rev().find(can_be_tracked)?;
+        let last = (0..self.view.keyframes.len()).rev().find(|&k| self.view.has_points(k))?;
         let state = &self.view.keyframes[last];
         let tracker = Tracker::new(&self.view, last, state.camera_from_world, Se3::identity(), &self.params);
         Some(Box::new(tracker.seeking().at(state.timestamp)))

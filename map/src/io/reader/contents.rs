@@ -223,11 +223,7 @@ impl<'a> Contents<'a> {
     fn features(&mut self, data: &[u8]) -> Result<(), String> {
         let message =
             FeaturesMessage::decode(data).map_err(|error| format!("features cannot be read: {error}"))?;
-        let kept = |bytes: Vec<u8>| {
-            let mut bytes = SharedBytes::from(bytes);
-            self.swap.into_iter().for_each(|swap| bytes.swap_out(swap));
-            bytes
-        };
+        let kept = |bytes: Vec<u8>| SharedBytes::kept_by(self.swap, bytes);
         let (id, data) = (KeyframeId(message.keyframe), kept(message.data));
         let words = (!message.words.is_empty()).then(|| kept(message.words));
         self.features.insert(id, Features { data, words });

@@ -3,7 +3,7 @@
 use super::{Mapper, PROBATION, Update};
 use crate::local_map::LocalMap;
 use geometry::sensor::Twist;
-use map::{Map, PlaceIndex};
+use map::PlaceIndex;
 use std::collections::BTreeSet;
 
 impl Mapper {
@@ -18,13 +18,10 @@ impl Mapper {
     /// `places`. What is under way must have been [adopted](Self::adopt_pending).
     pub fn split_off(&mut self, count: usize, mut places: Box<dyn PlaceIndex>) -> Self {
         let local = self.local.split_off(count);
-        let known = std::mem::replace(&mut self.known, Map::new(local.camera));
-        let mut parts = known.cut_behind(&[LocalMap::id(count - 1)]).into_iter();
-        let mut part = || parts.next().unwrap_or_else(|| Map::new(local.camera));
-        self.known = part();
-        let known = part();
-        add_all(self.places.as_mut(), &self.local);
-        add_all(places.as_mut(), &local);
+        let [own, known] = self.known.cut_in_two(LocalMap::id(count - 1));
+        self.known = own;
+        index_all(self.places.as_mut(), &self.local);
+        index_all(places.as_mut(), &local);
         Self {
             places,
             known,
@@ -39,7 +36,7 @@ impl Mapper {
 }
 
 /// Makes the index that of a map's keyframes.
-fn add_all(places: &mut dyn PlaceIndex, local: &LocalMap) {
+pub(in crate::agent) fn index_all(places: &mut dyn PlaceIndex, local: &LocalMap) {
     places.clear();
     for (index, state) in local.keyframes.iter().enumerate() {
         places.add(LocalMap::id(index), state.pyramid.base());
