@@ -96,7 +96,8 @@ pub fn played_sequence() -> Result<String> {
     let (processed, tracked) = (count("processed")?, count("tracked")?);
     ensure!(
         tracked * 10 >= processed * 9,
-        "{tracked} of {processed} frames were tracked:\n{}",
+        "{tracked} of {processed} frames were tracked:\n{}\n{}",
+        states(&numbers),
         ended.messages
     );
     let truth = ended.out.with_file_name("truth.txt");
@@ -118,6 +119,13 @@ pub fn played_sequence() -> Result<String> {
         "{tracked}/{processed} tracked, median error {:.1} cm; capture to pose {median:.0} ms, 99 % {p99:.0} ms, emulated",
         error * 100.0
     ))
+}
+
+/// Time, state and milliseconds of each frame of a run, a line each, from its run.json.
+fn states(numbers: &Value) -> String {
+    let rows = numbers["rows"].as_array().map_or(&[][..], Vec::as_slice);
+    let line = |row: &Value| format!("{} {} {}", row["timestamp"], row["state"], row["ms"]);
+    rows.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 /// Stops the process for a while, as a suspended or starved machine does.
