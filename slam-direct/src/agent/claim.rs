@@ -154,16 +154,17 @@ impl Agent {
             self.state = State::Running(Box::new(tracker.seeking()));
             return FrameReport::other_place();
         }
-        self.put_on_trial([found]);
-        self.claim = Some(answer.map_or(Claim::Pending, |_| Claim::Undecided));
+        let is_awaited = self.put_on_trial([found]) && answer.is_none();
+        self.claim = Some(if is_awaited { Claim::Pending } else { Claim::Undecided });
         self.state = State::Running(tracker);
         FrameReport { adopted: report.adopted, ..FrameReport::on_trial() }
     }
 
-    /// Puts frames on trial, and has them judged when there are enough.
-    pub(super) fn put_on_trial(&mut self, found: impl IntoIterator<Item = FoundFrame>) {
+    /// Puts frames on trial, and has them judged when there are enough. Whether more frames or the judge can decide: nothing can where the
+    /// map has no depth to compare them with, as one of a single keyframe.
+    pub(super) fn put_on_trial(&mut self, found: impl IntoIterator<Item = FoundFrame>) -> bool {
         let mut found = found.into_iter().peekable();
-        let Some(first) = found.peek() else { return };
+        let Some(first) = found.peek() else { return true };
         let since = first.pose.timestamp;
         // The motion to the next frame is not that of a keyframe before the loss.
         self.fresh = None;
@@ -171,14 +172,15 @@ impl Agent {
         let trial = self.trial.get_or_insert_with(|| Trial::new(since));
         found.for_each(|found| trial.add(found));
         if !trial.is_due(self.params.atlas.trial) {
-            return;
+            return true;
         }
         let (claim, judge) = (self.claimed_place(), self.judge.clone());
-        let (Some(claim), Some(judge), Some(trial)) = (claim, judge, &mut self.trial) else { return };
+        let (Some(claim), Some(judge), Some(trial)) = (claim, judge, &mut self.trial) else { return false };
         trial.evaluated = trial.poses.len();
         let lag = self.params.atlas.recognition_lag.max(5 * self.params.mapping.lag) as u64;
         let task = Task::spawn(move || judge.judge(&claim));
         trial.asked = Some(Asked { task, due: self.processed + lag });
+        true
     }
 
     /// Ends a trial that is too long ago for a frame of this time to go on with it.

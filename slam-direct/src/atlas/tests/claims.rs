@@ -133,3 +133,22 @@ fn a_fragment_that_is_joined_later_continues_at_once() {
     assert!(reports.iter().all(|r| r.state == TrackingState::Tracking), "it is tracked all along");
     assert_eq!(reports.last().map(|r| r.fragment), Some(0), "they are joined");
 }
+
+/// A map of one keyframe has no depth to compare with: where no frame comes for six seconds then, what follows is a fragment of its own.
+#[test]
+fn a_claim_that_nothing_can_decide_holds_up_no_fragment() {
+    const PAUSE: usize = 120;
+    let here = drive(1, 80);
+    let images = images(&here);
+    let mut atlas = atlas().judge_by(says(Answer::CannotTell));
+    let starts = |i: &usize| feed(&mut atlas, *i, [images[*i]])[0].state == TrackingState::Tracking;
+    let begun = (0..images.len()).find(starts).expect("a map begins");
+    // The second frame tells the time from frame to frame, beside which the pause is one.
+    let (before, after) = images[begun + 1..].split_at(2);
+    feed(&mut atlas, begun + 1, before.iter().copied());
+    let after = feed(&mut atlas, begun + 3 + PAUSE, after.iter().copied());
+    assert_eq!(after[0].claim, Some(Claim::Pending), "{:?}", after[0].state);
+    assert!(after.iter().any(|report| report.claim == Some(Claim::Undecided)));
+    let tracked = after.iter().rev().take_while(|report| report.state == TrackingState::Tracking).count();
+    assert!(tracked > 20, "{tracked} of {} frames, begun at {begun}", after.len());
+}
