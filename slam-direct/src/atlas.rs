@@ -52,7 +52,7 @@ struct Loss {
     frames: usize,
     /// The next fragment, until it has proved itself or the camera is found in an old one.
     next: Option<Box<Agent>>,
-    /// Whether somebody has looked at what was found in a fragment since then, and did not believe it.
+    /// Whether what was found in a fragment since then was not believed, or nothing could be compared with it.
     is_evaluated: bool,
 }
 

@@ -154,17 +154,19 @@ impl Agent {
             self.state = State::Running(Box::new(tracker.seeking()));
             return FrameReport::other_place();
         }
-        let is_awaited = self.put_on_trial([found]) && answer.is_none();
-        self.claim = Some(if is_awaited { Claim::Pending } else { Claim::Undecided });
+        self.put_on_trial([found]);
+        // It is due and nobody is asked: the map has no depth to compare the frames with, as one of a single keyframe.
+        let is_undecidable = self.trial.as_ref().is_some_and(|trial| trial.is_due(self.params.atlas.trial));
+        let is_pending = answer.is_none() && !is_undecidable;
+        self.claim = Some(if is_pending { Claim::Pending } else { Claim::Undecided });
         self.state = State::Running(tracker);
         FrameReport { adopted: report.adopted, ..FrameReport::on_trial() }
     }
 
-    /// Puts frames on trial, and has them judged when there are enough. Whether more frames or the judge can decide: nothing can where the
-    /// map has no depth to compare them with, as one of a single keyframe.
-    pub(super) fn put_on_trial(&mut self, found: impl IntoIterator<Item = FoundFrame>) -> bool {
+    /// Puts frames on trial, and has them judged when there are enough.
+    pub(super) fn put_on_trial(&mut self, found: impl IntoIterator<Item = FoundFrame>) {
         let mut found = found.into_iter().peekable();
-        let Some(first) = found.peek() else { return true };
+        let Some(first) = found.peek() else { return };
         let since = first.pose.timestamp;
         // The motion to the next frame is not that of a keyframe before the loss.
         self.fresh = None;
@@ -172,15 +174,14 @@ impl Agent {
         let trial = self.trial.get_or_insert_with(|| Trial::new(since));
         found.for_each(|found| trial.add(found));
         if !trial.is_due(self.params.atlas.trial) {
-            return true;
+            return;
         }
         let (claim, judge) = (self.claimed_place(), self.judge.clone());
-        let (Some(claim), Some(judge), Some(trial)) = (claim, judge, &mut self.trial) else { return false };
+        let (Some(claim), Some(judge), Some(trial)) = (claim, judge, &mut self.trial) else { return };
         trial.evaluated = trial.poses.len();
         let lag = self.params.atlas.recognition_lag.max(5 * self.params.mapping.lag) as u64;
         let task = Task::spawn(move || judge.judge(&claim));
         trial.asked = Some(Asked { task, due: self.processed + lag });
-        true
     }
 
     /// Ends a trial that is too long ago for a frame of this time to go on with it.
