@@ -4,7 +4,7 @@ use crate::align::ReferencePoint;
 use crate::mask::Mask;
 use geometry::sensor::{Sensor, Twist};
 use geometry::{GrayImage, Pinhole, Pyramid, Se3, Sim3, median};
-use map::{KeyframeId, Shared};
+use map::{KeyframeId, SemiDense, Shared};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -102,6 +102,8 @@ pub(crate) struct KeyframeState {
     pub scale: f64,
     /// How the camera moved; its υ in the keyframe's unit.
     pub motion: Twist,
+    /// Inverse depth of its pixels, 1/unit of the keyframe; empty until it is computed.
+    pub semi_dense: Shared<SemiDense>,
     /// Points hosted here; depths in world units.
     pub points: Vec<PointState>,
     /// Points hosted elsewhere and seen here.
@@ -118,6 +120,7 @@ impl KeyframeState {
             camera_from_world,
             scale: 1.0,
             motion: Twist::zeros(),
+            semi_dense: Shared::default(),
             points: Vec::new(),
             seen: Vec::new(),
         }

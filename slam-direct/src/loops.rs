@@ -5,8 +5,8 @@ use backend::sim3_align::{
     AlignRefusal, KeyframeView, Sim3AlignParams, Sim3Alignment, align_from, reciprocal, turned_starts,
 };
 use geometry::{Pinhole, Sim3, median};
-use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, PlaceCandidate};
-use std::collections::{BTreeMap, BTreeSet};
+use map::{Edge, EdgeKind, Keyframe, KeyframeId, PlaceCandidate};
+use std::collections::BTreeMap;
 use thiserror::Error;
 
 #[cfg(test)]
@@ -65,31 +65,23 @@ impl LoopCandidate {
 
 /// Old keyframes that may close a loop with `current`, best first.
 ///
-/// By the map's poses: those that look the same way from nearby and see the same points. By
-/// appearance: the given `places`. Neither the newest, nor those an edge already joins with `current`, nor
-/// those that `admits` turns down.
+/// Of the `admitted` those that by their poses look the same way from nearby and see the same points, and those that
+/// appearance proposes, the given `places`. The newest are left out.
 pub fn candidates(
-    map: &Map,
-    current: KeyframeId,
+    camera: &Pinhole,
+    current: &Keyframe,
+    admitted: impl Iterator<Item = Keyframe>,
     places: &[PlaceCandidate],
-    admits: impl Fn(KeyframeId) -> bool,
     params: &LoopParams,
 ) -> Vec<LoopCandidate> {
-    let Some(keyframe) = map.keyframes.get(&current) else { return Vec::new() };
-    let Some(depth) = median_depth(keyframe) else { return Vec::new() };
-    let joined: BTreeSet<KeyframeId> = map
-        .edges
-        .iter()
-        .filter_map(|e| (e.from == current).then_some(e.to).or((e.to == current).then_some(e.from)))
-        .collect();
+    let Some(depth) = median_depth(current) else { return Vec::new() };
     let appearance: BTreeMap<KeyframeId, f32> = places.iter().map(|p| (p.keyframe, p.score)).collect();
-    let mut found: Vec<LoopCandidate> = map
-        .keyframes
-        .range(..current)
-        .filter(|(id, _)| current.0 - id.0 >= params.min_gap && !joined.contains(id) && admits(**id))
-        .filter_map(|(&id, old)| {
-            let appearance = appearance.get(&id).copied();
-            propose(map.camera(keyframe), (keyframe, depth), old, appearance, params)
+    let is_old = |old: &Keyframe| old.id.0.saturating_add(params.min_gap) <= current.id.0;
+    let mut found: Vec<LoopCandidate> = admitted
+        .filter(is_old)
+        .filter_map(|old| {
+            let appearance = appearance.get(&old.id).copied();
+            propose(camera, (current, depth), &old, appearance, params)
         })
         .collect();
     found.sort_by(|a, b| b.score().total_cmp(&a.score()).then(a.keyframe.cmp(&b.keyframe)));

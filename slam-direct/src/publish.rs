@@ -3,11 +3,12 @@
 use crate::local_map::{LocalMap, PointState};
 use map::{Edge, Keyframe, KeyframeId, Map, Moved, Observation, Point};
 
-/// A keyframe with its image and pose; depth and points follow when they are known.
+/// A keyframe with its image, its pose, and its depth once that is known; without points.
 pub(crate) fn keyframe(local: &LocalMap, keyframe: usize) -> Keyframe {
     let state = &local.keyframes[keyframe];
     let (id, pose) = (LocalMap::id(keyframe), local.world_from_keyframe(keyframe));
-    Keyframe::of_image(id, state.timestamp, state.frame_index, pose, state.pyramid.shared_base())
+    let bare = Keyframe::of_image(id, state.timestamp, state.frame_index, pose, state.pyramid.shared_base());
+    Keyframe { semi_dense: state.semi_dense.clone(), ..bare }
 }
 
 /// The pose of a keyframe now.

@@ -5,6 +5,7 @@ use super::{Agent, Claim, FrameReport, LossReason, ResumeMode, State, TrackingSt
 use crate::background::Task;
 use crate::judge::{ClaimedPlace, JudgePlace, PlacedView};
 use crate::local_map::LocalMap;
+use crate::publish;
 use crate::tracker::{Located, Tracker};
 use backend::verdict::Answer;
 use geometry::sensor::Twist;
@@ -260,19 +261,10 @@ impl Agent {
         let frames: Vec<PlacedView> = trial.chosen().enumerate().map(frame).collect();
         let references = trial.chosen().map(|seen| seen.pose.reference.0 as usize);
         let near = around(&self.view, references.collect());
-        let keyframes: Vec<PlacedView> = near.into_iter().filter_map(|k| self.placed(k)).collect();
+        let keyframes: Vec<PlacedView> =
+            near.into_iter().filter_map(|k| view_of_keyframe(&self.view, k)).collect();
         let (camera, sensor) = (self.camera, self.view.sensor);
         (!keyframes.is_empty()).then_some(ClaimedPlace { camera, sensor, keyframes, frames })
-    }
-
-    /// A keyframe of the working map as it is handed out.
-    fn placed(&self, keyframe: usize) -> Option<PlacedView> {
-        let id = LocalMap::id(keyframe);
-        let known = match (self.own_id(id), &self.common) {
-            (Some(own), _) => self.map.keyframes.get(&own)?,
-            (None, common) => common.as_ref()?.keyframes.get(&id)?,
-        };
-        view_of_keyframe(&self.view, keyframe, known)
     }
 }
 
@@ -284,16 +276,12 @@ pub(super) fn around(map: &LocalMap, references: BTreeSet<usize>) -> BTreeSet<us
     references.into_iter().chain(shared).flat_map(near).collect()
 }
 
-/// A keyframe of the working map with the image and depth by which it is known; `None` without depth.
-pub(super) fn view_of_keyframe(map: &LocalMap, keyframe: usize, known: &Keyframe) -> Option<PlacedView> {
-    if known.semi_dense.is_empty() {
-        return None;
-    }
-    let state = &map.keyframes[keyframe];
-    let pose = map.world_from_keyframe(keyframe);
-    let bare = Keyframe::of_image(LocalMap::id(keyframe), keyframe as f64, 0, pose, Arc::clone(&known.image));
-    let keyframe = Keyframe { semi_dense: known.semi_dense.clone(), ..bare };
-    Some(PlacedView { keyframe, motion: state.motion })
+/// A keyframe of the working map; `None` without depth.
+pub(super) fn view_of_keyframe(map: &LocalMap, keyframe: usize) -> Option<PlacedView> {
+    let motion = map.keyframes[keyframe].motion;
+    let timestamp = keyframe as f64;
+    let keyframe = Keyframe { timestamp, frame_index: 0, ..publish::keyframe(map, keyframe) };
+    (!keyframe.semi_dense.is_empty()).then_some(PlacedView { keyframe, motion })
 }
 
 /// A frame with its pose in the working map's world and unit.

@@ -16,7 +16,7 @@ use crate::params::Params;
 use crate::publish;
 use geometry::sensor::Twist;
 use geometry::{Pinhole, Swap};
-use map::{Edge, EdgeKind, Keyframe, KeyframeId, Map, MapDelta, PlaceIndex, SemiDense, Settled};
+use map::{Edge, EdgeKind, KeyframeId, Map, MapDelta, PlaceIndex, SemiDense, Settled};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -71,8 +71,6 @@ const AT_ONCE: usize = 16;
 pub(super) struct Mapper {
     pub local: LocalMap,
     pub places: Box<dyn PlaceIndex>,
-    /// What loops are sought by: poses, images and depth of the keyframes.
-    known: Map,
     closer: LoopCloser,
     depth_tasks: DepthTasks,
     /// Keyframes from which on the sensor is asked after again.
@@ -104,30 +102,16 @@ pub(super) fn own_threads() -> Option<rayon::ThreadPool> {
 impl Mapper {
     /// A mapper with an empty map.
     pub fn new(camera: Pinhole, places: Box<dyn PlaceIndex>) -> Self {
-        let (known, local) = (Map::new(camera), LocalMap::new(camera));
         let (closer, depth_tasks) = (LoopCloser::default(), DepthTasks::default());
-        Self { local, places, known, closer, depth_tasks, calibrate_again: None, evaluated: 0, barren: 0 }
+        let local = LocalMap::new(camera);
+        Self { local, places, closer, depth_tasks, calibrate_again: None, evaluated: 0, barren: 0 }
     }
 
     /// A mapper that goes on in a map: `local` is the working form of `map`.
     pub fn resume(local: LocalMap, places: Box<dyn PlaceIndex>, map: &Map) -> Self {
-        let mut known = Map::new(local.camera);
-        for (index, kept) in map.keyframes.values().enumerate() {
-            let keyframe = publish::keyframe(&local, index);
-            known.keyframes.insert(keyframe.id, Keyframe { semi_dense: kept.semi_dense.clone(), ..keyframe });
-        }
         let closed = map.edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).cloned().collect();
         let (closer, depth_tasks) = (LoopCloser::of(closed), DepthTasks::from(local.keyframes.len()));
-        Self {
-            local,
-            places,
-            known,
-            closer,
-            depth_tasks,
-            calibrate_again: None,
-            evaluated: PROBATION,
-            barren: 0,
-        }
+        Self { local, places, closer, depth_tasks, calibrate_again: None, evaluated: PROBATION, barren: 0 }
     }
 
     /// Has the keyframes' depths kept by `swap`.
@@ -165,10 +149,6 @@ impl Mapper {
     /// Takes over a first map of two keyframes, and its sensor.
     pub fn adopt(&mut self, first: LocalMap, params: &Params) -> Update {
         self.local = first;
-        for keyframe in 0..self.local.keyframes.len() {
-            let keyframe = publish::keyframe(&self.local, keyframe);
-            self.known.keyframes.insert(keyframe.id, keyframe);
-        }
         self.places.add(LocalMap::id(0), self.local.keyframes[0].pyramid.base());
         let moved = self.map_around(1, &Counts::default(), params);
         self.update(moved, Vec::new(), None)
@@ -187,8 +167,6 @@ impl Mapper {
         self.local.mask = mask;
         self.learn_motions(&motions);
         let keyframe = self.local.push(keyframe);
-        let public = publish::keyframe(&self.local, keyframe);
-        self.known.keyframes.insert(public.id, public);
         mapping::add_observations(&mut self.local, keyframe, &matched);
         mapping::cull_masked(&mut self.local, keyframe);
         let mut moved = self.map_around(keyframe, &counts, &params);
@@ -209,9 +187,7 @@ impl Mapper {
         let changes = mapping::optimise_all(&mut self.local, p.calibration_iterations, p, &|| false);
         let count = self.local.keyframes.len();
         self.calibrate_again = mapping::calibrate_again(count, &before, &self.local.sensor);
-        let moved: BTreeSet<usize> = changes.into_iter().map(|change| change.keyframe).collect();
-        self.note_moved(&moved);
-        moved.into_iter().collect()
+        changes.into_iter().map(|change| change.keyframe).collect()
     }
 
     fn learn_motions(&mut self, motions: &[(usize, Twist)]) {
@@ -246,15 +222,13 @@ impl Mapper {
             let p = &params.mapping;
             mapping::optimise_all(&mut self.local, p.final_iterations, p, stop);
             moved = (0..self.local.keyframes.len()).collect();
-            self.note_moved(&moved);
         }
         for again in self.depth_tasks.outdated(&self.local.sensor).chunks(AT_ONCE) {
             if stop() {
                 break;
             }
             for &(keyframe, beyond) in again {
-                let Some(known) = self.known.keyframes.get(&LocalMap::id(keyframe)) else { continue };
-                let known = known.semi_dense.clone();
+                let known = self.local.keyframes[keyframe].semi_dense.clone();
                 self.depth_tasks.begin_again(&self.local, keyframe, known, beyond, &params.depth);
             }
             settled.extend(self.adopt_depths());
@@ -282,9 +256,7 @@ impl Mapper {
         self.local.count(counts);
         mapping::cull_unfound(&mut self.local, counts.hosts(), 0.25);
         self.places.add(LocalMap::id(keyframe), self.local.keyframes[keyframe].pyramid.base());
-        let moved = changes.into_iter().map(|change| change.keyframe).collect();
-        self.note_moved(&moved);
-        moved
+        changes.into_iter().map(|change| change.keyframe).collect()
     }
 
     /// Lets the pyramids and depths rest of keyframes that are neither recent nor near `keyframe`, which it sees points
@@ -302,15 +274,7 @@ impl Mapper {
             }
         }
         for far in round_robin.into_iter().filter(|far| !near.contains(far)) {
-            self.known.keyframes.get(&LocalMap::id(far)).into_iter().for_each(Keyframe::rest);
-        }
-    }
-
-    fn note_moved(&mut self, moved: &BTreeSet<usize>) {
-        for &keyframe in moved {
-            if let Some(known) = self.known.keyframes.get_mut(&LocalMap::id(keyframe)) {
-                known.world_from_keyframe = self.local.world_from_keyframe(keyframe);
-            }
+            publish::keyframe(&self.local, far).rest();
         }
     }
 
@@ -322,10 +286,8 @@ impl Mapper {
             if keyframe == self.evaluated && keyframe < PROBATION {
                 self.judge(keyframe, &depth);
             }
-            if let Some(known) = self.known.keyframes.get_mut(&LocalMap::id(keyframe)) {
-                known.semi_dense = depth.into();
-                settled.push(keyframe);
-            }
+            self.local.keyframes[keyframe].semi_dense = depth.into();
+            settled.push(keyframe);
         }
         settled
     }
@@ -351,7 +313,7 @@ impl Mapper {
             return;
         }
         let (local, places) = (&self.local, self.places.as_ref());
-        let found = settled.iter().find_map(|&k| self.closer.find(local, &self.known, places, k, params));
+        let found = settled.iter().find_map(|&k| self.closer.find(local, places, k, params));
         if let Some(found) = found {
             self.closer.start(&self.local, found, params);
         }
@@ -364,7 +326,6 @@ impl Mapper {
         params: &Params,
     ) -> Option<(KeyframeId, KeyframeId)> {
         let (found, by_loop) = self.closer.finish(&mut self.local, params)?.ok()?;
-        self.note_moved(&by_loop);
         moved.extend(by_loop);
         Some(found.keyframes())
     }
@@ -377,7 +338,7 @@ impl Mapper {
     ) -> Update {
         let settled = settled.into_iter().map(|keyframe| Settled {
             keyframe: LocalMap::id(keyframe),
-            semi_dense: self.known.keyframes[&LocalMap::id(keyframe)].semi_dense.clone(),
+            semi_dense: self.local.keyframes[keyframe].semi_dense.clone(),
             points: publish::points(&self.local, keyframe),
         });
         let delta = MapDelta {

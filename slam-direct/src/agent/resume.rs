@@ -170,7 +170,8 @@ pub(super) fn working_map(map: &Map, sensor: Sensor, levels: usize) -> Result<Lo
         let pose = keyframe.world_from_keyframe;
         let state =
             KeyframeState::new(keyframe.timestamp, keyframe.frame_index, pyramid, pose.rigid().inverse());
-        local.push(KeyframeState { scale: pose.scale, motion, ..state });
+        let semi_dense = keyframe.semi_dense.clone();
+        local.push(KeyframeState { scale: pose.scale, motion, semi_dense, ..state });
     }
     let count = local.keyframes.len();
     for (host, keyframe) in map.keyframes.values().enumerate() {

@@ -7,11 +7,12 @@ use crate::align::{AlignmentReference, Brightness};
 use crate::local_map::LocalMap;
 use crate::loops::{self, LoopCandidate, LoopRefusal};
 use crate::params::Params;
+use crate::publish;
 use crate::track;
 use backend::posegraph::PoseGraphError;
 use backend::sim3_align::KeyframeView;
 use geometry::{Pyramid, Se3, Sim3, median};
-use map::{Keyframe, Map, Rectified, SemiDense};
+use map::{Rectified, SemiDense};
 use thiserror::Error;
 
 /// A loop to be tested.
@@ -62,21 +63,11 @@ pub enum NoLoop {
 }
 
 /// Puts a proposal to the test.
-pub(super) fn test(
-    local: &LocalMap,
-    public: &Map,
-    proposal: &Proposal,
-    params: &Params,
-) -> Result<FoundLoop, NoLoop> {
+pub(super) fn test(local: &LocalMap, proposal: &Proposal, params: &Params) -> Result<FoundLoop, NoLoop> {
     let p = &params.closing;
     let current = proposal.keyframe;
     let old = proposal.candidate.keyframe.0 as usize;
     let (new_side, old_side) = (side(local, current, old, p.side), side(local, old, current, p.side));
-    let [Some(current_public), Some(old_public)] =
-        [current, old].map(|k| public.keyframes.get(&LocalMap::id(k)))
-    else {
-        return Err(NoLoop::NoScale);
-    };
 
     let guess = align(local, current, old, &proposal.candidate, params);
     let seen = match_side(local, &old_side, current, guess, &params.track);
@@ -84,7 +75,8 @@ pub(super) fn test(
         return Err(NoLoop::FewMatches { found: seen.inliers().count(), searched: seen.searched.len() });
     }
     let [current_scale, old_scale] = [current, old].map(|k| local.keyframes[k].scale);
-    let scale = current_scale * scale(local, &seen, &current_public.semi_dense).ok_or(NoLoop::NoScale)?;
+    let scale =
+        current_scale * scale(local, &seen, &local.keyframes[current].semi_dense).ok_or(NoLoop::NoScale)?;
     let relative = seen.camera_from_world * local.keyframes[old].camera_from_world.inverse();
     let start = Sim3::new(
         relative.rotation,
@@ -102,7 +94,7 @@ pub(super) fn test(
         return Err(NoLoop::Unconfirmed);
     }
     let candidate = LoopCandidate { current_from_old: vec![start], ..proposal.candidate.clone() };
-    let edge = reciprocal(local, current_public, old_public, &candidate, p)?;
+    let edge = reciprocal(local, [current, old], &candidate, p)?;
     drift_check(&edge.from_from_to)?;
     Ok(FoundLoop { edge, new_side, old_side })
 }
@@ -188,15 +180,14 @@ fn is_confirmed(
 /// The alignment of the two keyframes' images and depths both ways.
 fn reciprocal(
     local: &LocalMap,
-    current: &Keyframe,
-    old: &Keyframe,
+    [current, old]: [usize; 2],
     candidate: &LoopCandidate,
     params: &ClosingParams,
 ) -> Result<map::Edge, NoLoop> {
-    let view = |keyframe: &Keyframe| {
-        let state = &local.keyframes[keyframe.id.0 as usize];
-        match map::rectified(keyframe, &local.sensor, &state.motion) {
-            None => KeyframeView::new(&state.pyramid, &keyframe.semi_dense, &local.camera),
+    let view = |keyframe: usize| {
+        let state = &local.keyframes[keyframe];
+        match map::rectified(&publish::keyframe(local, keyframe), &local.sensor, &state.motion) {
+            None => KeyframeView::new(&state.pyramid, &state.semi_dense, &local.camera),
             Some(Rectified { keyframe, .. }) => {
                 let pyramid = Pyramid::of(keyframe.image, state.pyramid.len());
                 KeyframeView::new(&pyramid, &keyframe.semi_dense, &local.camera)
@@ -204,6 +195,6 @@ fn reciprocal(
         }
     };
     let (current_view, old_view) = (view(current), view(old));
-    let closed = loops::close((current.id, &current_view), &old_view, candidate, &params.search)?;
+    let closed = loops::close((LocalMap::id(current), &current_view), &old_view, candidate, &params.search)?;
     Ok(closed.edge)
 }

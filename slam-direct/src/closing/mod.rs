@@ -20,6 +20,7 @@ use crate::local_map::LocalMap;
 use crate::loops;
 use crate::mapping;
 use crate::params::Params;
+use crate::publish;
 use correct::{Correction, GraphJob};
 use drift::Reach;
 pub use drift::Trajectory;
@@ -68,7 +69,6 @@ impl LoopCloser {
     pub fn find(
         &mut self,
         local: &LocalMap,
-        public: &Map,
         places: &dyn PlaceIndex,
         keyframe: usize,
         params: &Params,
@@ -77,9 +77,9 @@ impl LoopCloser {
         if !p.enabled || keyframe < p.search.min_gap as usize {
             return None;
         }
-        let proposal = self.propose(local, public, places, keyframe, p)?;
+        let proposal = self.propose(local, places, keyframe, p)?;
         let old = proposal.candidate.keyframe.0 as usize;
-        match evidence::test(local, public, &proposal, params) {
+        match evidence::test(local, &proposal, params) {
             Ok(found) => Some(found),
             Err(_) => {
                 self.note_futile(keyframe, old, p);
@@ -92,7 +92,6 @@ impl LoopCloser {
     fn propose(
         &self,
         local: &LocalMap,
-        public: &Map,
         places: &dyn PlaceIndex,
         keyframe: usize,
         params: &ClosingParams,
@@ -106,8 +105,7 @@ impl LoopCloser {
             return None;
         }
         let joined = joined(local, keyframe, params);
-        let admitted: BTreeSet<KeyframeId> =
-            within.into_iter().filter(|old| !joined.contains(old)).map(LocalMap::id).collect();
+        let admitted: Vec<usize> = within.into_iter().filter(|old| !joined.contains(old)).collect();
         if admitted.is_empty() {
             // Most keyframes end here, before the images of all others are compared.
             return None;
@@ -116,9 +114,9 @@ impl LoopCloser {
         let wanted = gap + 2 * params.side;
         let mut similar = places.query(local.keyframes[keyframe].pyramid.base(), wanted);
         similar.retain(|place| place.score >= params.min_appearance);
-        let id = LocalMap::id(keyframe);
-        let admits = |old| admitted.contains(&old);
-        let candidates = loops::candidates(public, id, &similar, admits, &params.search);
+        let current = publish::keyframe(local, keyframe);
+        let admitted = admitted.into_iter().map(|old| publish::keyframe(local, old));
+        let candidates = loops::candidates(&local.camera, &current, admitted, &similar, &params.search);
         candidates.into_iter().next().map(|candidate| Proposal { keyframe, candidate })
     }
 

@@ -39,38 +39,37 @@ fn keyframe(id: u32, x: f64, yaw: f64) -> Keyframe {
 }
 
 /// Forth along a wall and back again: keyframes 0–29 out, 30–59 home.
-fn there_and_back() -> Map {
-    let mut map = Map::new(camera());
-    for i in 0..60u32 {
-        let x = if i < 30 { i as f64 } else { 59.0 - i as f64 } * 0.3;
-        map.keyframes.insert(KeyframeId(i), keyframe(i, x, 0.0));
-    }
-    map
+fn there_and_back() -> BTreeMap<KeyframeId, Keyframe> {
+    let at = |i: u32| if i < 30 { i as f64 } else { 59.0 - i as f64 } * 0.3;
+    (0..60).map(|i| (KeyframeId(i), keyframe(i, at(i), 0.0))).collect()
+}
+
+fn proposed(
+    map: &BTreeMap<KeyframeId, Keyframe>,
+    current: u32,
+    places: &[PlaceCandidate],
+) -> Vec<LoopCandidate> {
+    let all = map.values().cloned();
+    candidates(&camera(), &map[&KeyframeId(current)], all, places, &LoopParams::default())
 }
 
 #[test]
 fn keyframes_nearby_in_space_but_not_in_time_are_proposed() {
     let map = there_and_back();
-    let found = candidates(&map, KeyframeId(59), &[], |_| true, &LoopParams::default());
+    let found = proposed(&map, 59, &[]);
     assert_eq!(found[0].keyframe, KeyframeId(0));
     assert!((found[0].overlap - 1.0).abs() < 1e-9 && found[0].current_from_old.len() == 1);
     // At the turning point all that is near is also recent.
-    assert!(candidates(&map, KeyframeId(31), &[], |_| true, &LoopParams::default()).is_empty());
-    assert!(candidates(&map, KeyframeId(99), &[], |_| true, &LoopParams::default()).is_empty());
+    assert!(proposed(&map, 31, &[]).is_empty());
 }
 
 #[test]
-fn joined_and_turned_away_keyframes_are_left_out() {
+fn turned_away_keyframes_and_those_not_admitted_are_left_out() {
     let mut map = there_and_back();
-    map.edges.push(Edge {
-        from: KeyframeId(0),
-        to: KeyframeId(59),
-        from_from_to: Sim3::identity(),
-        information: nalgebra::SMatrix::identity(),
-        kind: EdgeKind::Loop,
-    });
-    map.keyframes.insert(KeyframeId(1), keyframe(1, 0.3, 1.5));
-    let found = candidates(&map, KeyframeId(59), &[], |_| true, &LoopParams::default());
+    map.insert(KeyframeId(1), keyframe(1, 0.3, 1.5));
+    let admitted = map.values().filter(|k| k.id.0 != 0).cloned();
+    let found = candidates(&camera(), &map[&KeyframeId(59)], admitted, &[], &LoopParams::default());
+    assert!(!found.is_empty());
     assert!(found.iter().all(|c| c.keyframe.0 > 1), "{found:?}");
 }
 
@@ -79,7 +78,7 @@ fn appearance_proposes_what_poses_cannot_and_candidates_are_spread() {
     let map = there_and_back();
     let place = |id: u32, score: f32| PlaceCandidate { keyframe: KeyframeId(id), score };
     let places = [place(20, 0.9), place(21, 0.8), place(50, 0.95), place(0, 0.7)];
-    let found = candidates(&map, KeyframeId(59), &places, |_| true, &LoopParams::default());
+    let found = proposed(&map, 59, &places);
     let ids: Vec<u32> = found.iter().map(|c| c.keyframe.0).collect();
     // 0 has both; 21 lies beside 20; 50 is recent.
     assert_eq!(ids, [0, 20], "{found:?}");

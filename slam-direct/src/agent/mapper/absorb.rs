@@ -6,9 +6,7 @@ use crate::closing;
 use crate::judge::{ClaimedPlace, JudgePlace};
 use crate::local_map::{Companions, LocalMap};
 use crate::params::Params;
-use crate::publish;
 use geometry::Sim3;
-use map::Keyframe;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -68,10 +66,7 @@ impl Mapper {
         settled.extend(self.adopt_depths());
         let of_other = other.adopt_depths();
         for index in count..self.local.keyframes.len() {
-            let keyframe = publish::keyframe(&self.local, index);
-            let kept = other.known.keyframes.get(&LocalMap::id(index - count));
-            let semi_dense = kept.map_or_else(Default::default, |kept| kept.semi_dense.clone());
-            self.known.keyframes.insert(keyframe.id, Keyframe { semi_dense, ..keyframe });
+            self.local.keyframes[index].semi_dense = other.local.keyframes[index - count].semi_dense.clone();
             self.places.add(LocalMap::id(index), self.local.keyframes[index].pyramid.base());
         }
         settled.extend(of_other.into_iter().map(|keyframe| count + keyframe));
@@ -79,7 +74,6 @@ impl Mapper {
         self.closer.append(other.closer, count);
         // The others came in as they are.
         moved.retain(|&keyframe| keyframe < count);
-        self.note_moved(&moved);
         let update = self.update(moved, settled, None);
         Absorbed::One(self, Box::new(update))
     }
@@ -87,7 +81,6 @@ impl Mapper {
     /// That the keyframes which came behind its own into `local` show what its own around `own` do.
     fn claim(&self, local: &LocalMap, own: usize) -> ClaimedPlace {
         let count = self.local.keyframes.len();
-        let placed = |k: usize| view_of_keyframe(local, k, self.known.keyframes.get(&LocalMap::id(k))?);
         let others = local.covisible(own).into_iter().map(|c| c.0).filter(|k| *k >= count).take(CHECKED);
         let others: BTreeSet<usize> = others.collect();
         let frame = |(number, &k): (usize, &usize)| {
@@ -100,7 +93,11 @@ impl Mapper {
         ClaimedPlace {
             camera: local.camera,
             sensor: local.sensor,
-            keyframes: near.into_iter().filter(|k| *k < count).filter_map(placed).collect(),
+            keyframes: near
+                .into_iter()
+                .filter(|k| *k < count)
+                .filter_map(|k| view_of_keyframe(local, k))
+                .collect(),
             frames: others.iter().enumerate().map(frame).collect(),
         }
     }

@@ -18,13 +18,10 @@ impl Mapper {
     /// `places`. What is under way must have been [adopted](Self::adopt_pending).
     pub fn split_off(&mut self, count: usize, mut places: Box<dyn PlaceIndex>) -> Self {
         let local = self.local.split_off(count);
-        let [own, known] = self.known.cut_in_two(LocalMap::id(count - 1));
-        self.known = own;
         index_all(self.places.as_mut(), &self.local);
         index_all(places.as_mut(), &local);
         Self {
             places,
-            known,
             closer: self.closer.split_off(count),
             depth_tasks: self.depth_tasks.split_off(count),
             calibrate_again: self.calibrate_again.map(|at| at.saturating_sub(count)),

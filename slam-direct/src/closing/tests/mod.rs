@@ -32,7 +32,7 @@ fn error(positions: &[Vector3<f64>], truth: &[Vector3<f64>]) -> f64 {
 }
 
 fn find(scene: &Scene, closer: &mut LoopCloser, keyframe: usize, params: &Params) -> Option<FoundLoop> {
-    closer.find(&scene.local, &scene.public, &scene.places, keyframe, params)
+    closer.find(&scene.local, &scene.places, keyframe, params)
 }
 
 #[test]
@@ -131,11 +131,11 @@ fn a_single_view_of_a_similar_place_is_refused() {
     params.closing.max_drift = 10.0;
     let mut closer = LoopCloser::default();
     assert!((30..40).all(|k| find(&scene, &mut closer, k, &params).is_none()));
-    let proposal = closer.propose(&scene.local, &scene.public, &scene.places, 34, &params.closing);
+    let proposal = closer.propose(&scene.local, &scene.places, 34, &params.closing);
     assert!(proposal.is_none(), "a refused place is not tried again at once");
     let fresh = LoopCloser::default();
-    let proposal = fresh.propose(&scene.local, &scene.public, &scene.places, 34, &params.closing).unwrap();
-    let refusal = evidence::test(&scene.local, &scene.public, &proposal, &params).unwrap_err();
+    let proposal = fresh.propose(&scene.local, &scene.places, 34, &params.closing).unwrap();
+    let refusal = evidence::test(&scene.local, &proposal, &params).unwrap_err();
     assert_eq!(refusal, NoLoop::Unconfirmed);
 }
 

@@ -2,11 +2,10 @@
 
 use crate::local_map::{KeyframeState, LocalMap, PointRef, PointState, SeenAt};
 use crate::mask::Mask;
-use crate::publish;
 use crate::select::select;
 use geometry::{GrayImage, Image, Pyramid, Se3, Sim3};
 use loopbox_tests::{Recording, World, render};
-use map::{Keyframe, Map, PlaceIndex, SemiDense};
+use map::{PlaceIndex, SemiDense};
 use place_recog::ThumbnailIndex;
 
 /// Relative standard deviation claimed for the depths.
@@ -15,7 +14,6 @@ const DEPTH_SIGMA: f64 = 0.01;
 /// A map in all its forms.
 pub(super) struct Scene {
     pub local: LocalMap,
-    pub public: Map,
     pub places: ThumbnailIndex,
 }
 
@@ -25,7 +23,6 @@ impl Scene {
     pub fn render(world: &World, path: &[Se3], memory: usize) -> Self {
         let camera = Recording::SMALL_CAMERA;
         let mut local = LocalMap::new(camera);
-        let mut public = Map::new(camera);
         let mut places = ThumbnailIndex::default();
         let depths: Vec<Image<f32>> = path
             .iter()
@@ -38,12 +35,11 @@ impl Scene {
                 state.points = points(&local, &state, &depth);
                 local.push(state);
                 let semi_dense = semi_dense(local.keyframes[index].pyramid.base(), &depth);
-                let keyframe = Keyframe { semi_dense: semi_dense.into(), ..publish::keyframe(&local, index) };
-                public.keyframes.insert(keyframe.id, keyframe);
+                local.keyframes[index].semi_dense = semi_dense.into();
                 depth
             })
             .collect();
-        let mut scene = Self { local, public, places };
+        let mut scene = Self { local, places };
         for host in 0..path.len() {
             let near = |&(k, _): &(usize, _)| k != host && k.abs_diff(host) <= memory;
             for (observer, depth) in depths.iter().enumerate().filter(near) {
@@ -93,16 +89,12 @@ impl Scene {
             }
             state.scale *= drifted.scale;
         }
-        for (id, keyframe) in &mut self.public.keyframes {
-            keyframe.world_from_keyframe = self.local.world_from_keyframe(id.0 as usize);
-        }
     }
 
     /// Lets keyframe `to` look exactly like `from`, wherever it is.
     pub fn copy_appearance(&mut self, from: usize, to: usize) {
         self.local.keyframes[to].pyramid = self.local.keyframes[from].pyramid.clone();
-        let depth = self.public.keyframes[&LocalMap::id(from)].semi_dense.clone();
-        self.public.keyframes.get_mut(&LocalMap::id(to)).unwrap().semi_dense = depth;
+        self.local.keyframes[to].semi_dense = self.local.keyframes[from].semi_dense.clone();
         // The index answers with the newest of equals last: a second entry is as good as a replaced one.
         self.places.add(LocalMap::id(to), self.local.keyframes[to].pyramid.base());
     }
