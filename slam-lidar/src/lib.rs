@@ -23,7 +23,7 @@
 //! | [`smoothing::smooth`] | the trajectory optimised over odometry and loops, in place of ISAM | §3.2.3 |
 //! | [`merging::emr::propose`] | normals, Harris 3-D, FPFH, reciprocal matches, RANSAC with SVD | §4, Algorithm 1 |
 //! | [`merging::merge_by`] | the relative pose of two maps and the verdict, in place of the paper's confidence | ours |
-//! | [`merging::graph::joined`] | all maps in one frame: maximum spanning tree, then all merges | §4, map-merge graph |
+//! | `merge::merge_graph::rigid::joined` | all maps in one frame: maximum spanning tree, then all merges | §4, map-merge graph |
 //! | `loopbox::lidar::merging::merge` | the union of the maps that belong together | §4, Eq. 11 |
 //! | `eval::ate` | the error of a trajectory (RMSE) | §5, Eq. 12 |
 //!

@@ -17,15 +17,13 @@ use backend::verdict::Answer;
 use geometry::{Se3, Sim3};
 use map::{AgentId, Edge, EdgeKind, KeyframeId, Map};
 use merge::common_map::{Arrangement, Numbers, Placed};
-use slam_lidar::merging::graph::{Joined, Merge, joined};
+use merge::merge_graph::rigid::{DEVIATION, Joined, RigidMerge, joined};
 use slam_lidar::merging::verdict::{Decision, MergeEvidence, Verdict};
 use slam_lidar::merging::{MergeMethod, merge_by};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::time::Instant;
 
-/// What a merge errs by at its place, metres and radians: an edge between agents is worth so much.
-const DEVIATION: (f64, f64) = (0.02, 0.002);
 /// A merge that the others contradict ends with a weight below this, and is taken back.
 const OUTVOTED: f64 = 0.5;
 
@@ -260,15 +258,15 @@ fn accepted(pair: &Pair) -> Option<&MergeEvidence> {
 fn join(count: usize, pairs: &mut [Pair]) -> Joined {
     let merge = |pair: &Pair| {
         let best = accepted(pair)?;
-        Some(Merge { from: pair.a, to: pair.b, from_from_to: best.a_from_b, trust: best.support })
+        Some(RigidMerge { from: pair.a, to: pair.b, from_from_to: best.a_from_b, trust: best.support })
     };
-    let merges: Vec<(usize, Merge)> =
+    let merges: Vec<(usize, RigidMerge)> =
         pairs.iter().enumerate().filter_map(|(i, pair)| Some((i, merge(pair)?))).collect();
     let all = joined(count, &merges.iter().map(|(_, merge)| *merge).collect::<Vec<_>>());
     for ((i, _), weight) in merges.iter().zip(&all.weights) {
         pairs[*i].weight = Some(*weight);
     }
-    let kept: Vec<Merge> =
+    let kept: Vec<RigidMerge> =
         merges.iter().filter(|(i, _)| pairs[*i].is_kept()).map(|(_, merge)| *merge).collect();
     if kept.len() == merges.len() { all } else { joined(count, &kept) }
 }

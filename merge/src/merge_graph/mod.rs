@@ -5,6 +5,7 @@
 //! both. Agents that no merge joins stay apart, each [`Component`] in a frame of its own. Nothing is kept but
 //! agents and merges, so that a merge taken back leaves no trace.
 
+pub mod rigid;
 #[cfg(test)]
 mod tests;
 mod tree;

@@ -4,10 +4,10 @@ use crate::Failure;
 use crate::truth::Recording;
 use backend::verdict::Prior;
 use geometry::Se3;
+use merge::merge_graph::rigid::{RigidMerge, joined};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use slam_lidar::keyframe::Keyframe;
 use slam_lidar::mapping::{Agent, MappingParams};
-use slam_lidar::merging::graph::{Merge, joined};
 use slam_lidar::merging::robot_map::RobotMap;
 use slam_lidar::merging::verdict::{Decision, MergeEvidence, Verdict};
 use slam_lidar::merging::{MergeMethod, merge_by};
@@ -178,7 +178,7 @@ pub fn run(command: &str, folders: &[String]) -> Result<(), Failure> {
                 Decision::Refused => tally.refused += 1,
             }
             if verdict.decision == Decision::Accepted {
-                merges.push(Merge { from: i, to: j, from_from_to: best.a_from_b, trust: best.support });
+                merges.push(RigidMerge { from: i, to: j, from_from_to: best.a_from_b, trust: best.support });
             }
         }
     }

@@ -1,6 +1,6 @@
 //! The paper's chain to a pose between two maps, as `emr`: normals, Harris 3-D key points, FPFH, reciprocal matches
 //! (Algorithm 1), RANSAC with SVD. What follows is common to all methods: refinement on voxels of Gaussians (VGICP's), the
-//! evidence, which takes the place of the paper's confidence, and the graph.
+//! evidence, which takes the place of the paper's confidence, and the graph of merges.
 //!
 //! The paper gives no parameters.
 

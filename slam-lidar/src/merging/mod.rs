@@ -3,7 +3,7 @@
 //! In the order of the steps: [`robot_map`] (a map cut into independent pieces), [`mod@candidates`] (places that may be
 //! the same, by Scan Context), [`mod@hypotheses`] (pieces registered there; those that agree), [`mod@correlation`] (walls
 //! on walls), [`surfels`], [`views`] and [`patches`] (a map's surfaces, its rays, what hangs together), [`comparison`] (what is
-//! there in both maps), [`shifts`] (small things that stand otherwise), [`verdict`] (one place or two), [`graph`] (more than two maps in one frame); [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
+//! there in both maps), [`shifts`] (small things that stand otherwise), [`verdict`] (one place or two). More than two maps come into one frame in `merge::merge_graph::rigid`; [`mod@emr`] is the paper's way to a pose, to compare with. All is metric, in SE(3): there is no scale to find.
 //!
 //! The paper registers key points of whole clouds once and believes a mean distance. Here several pieces must find
 //! the same pose by themselves, and what is believed is what each map saw as free and as filled.
@@ -13,7 +13,6 @@ pub mod candidates;
 pub mod comparison;
 pub mod correlation;
 pub mod emr;
-pub mod graph;
 pub mod hypotheses;
 mod key_points;
 pub mod lines;

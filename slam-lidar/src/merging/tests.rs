@@ -1,7 +1,6 @@
 //! Maps joined, and poses decided between.
 
 use super::comparison::{Comparison, Difference, compare};
-use super::graph::{Merge, joined};
 use super::lines::Test;
 use super::robot_map::RobotMap;
 use super::shifts::Counted;
@@ -31,32 +30,6 @@ pub fn seen_along(world: &[Corners], from: f64, to: f64) -> RobotMap {
 fn pose(i: usize) -> Se3 {
     let i = i as f64;
     Se3::exp(&Vector6::new(3.0 * i, -i * i, 0.1 * i, 0.01 * i, -0.02, 0.7 * i))
-}
-
-fn exact(from: usize, to: usize, trust: f64) -> Merge {
-    Merge { from, to, from_from_to: pose(from).inverse() * pose(to), trust }
-}
-
-#[test]
-fn a_trusted_but_wrong_merge_is_outvoted_by_the_cycles() {
-    let mut merges: Vec<Merge> =
-        [(0, 1), (1, 2), (0, 2), (2, 3), (1, 3)].map(|(i, j)| exact(i, j, 1.0)).into();
-    let wrong = Se3::exp(&Vector6::new(0.5, 0.0, 0.0, 0.0, 0.0, 0.0)) * exact(3, 0, 1.0).from_from_to;
-    merges.push(Merge { from: 3, to: 0, from_from_to: wrong, trust: 9.0 });
-    let found = joined(5, &merges);
-    assert_eq!(found.tree.len(), 3);
-    assert_eq!(found.root, [0, 0, 0, 0, 4]);
-    for map in 0..4 {
-        let error = (pose(0).inverse() * pose(map)).inverse() * found.root_from_map[map];
-        assert!(error.log().norm() < 0.02, "map {map}: {error:?}");
-    }
-    assert!(found.weights[5] < 0.1 && found.weights[..5].iter().all(|w| *w > 0.9), "{:?}", found.weights);
-}
-
-#[test]
-fn merges_that_name_no_map_are_left_out() {
-    let found = joined(2, &[exact(0, 7, 1.0), exact(1, 1, 1.0)]);
-    assert_eq!((found.root, found.tree), (vec![0, 1], vec![]));
 }
 
 #[test]
