@@ -1,6 +1,6 @@
 //! Trajectories in files compared with the truth in files, as people name them.
 
-use crate::run::{LIVE_TRAJECTORY, TRAJECTORY, numbered};
+use crate::results::file_names::{LIVE_TRAJECTORY, TRAJECTORY, numbered};
 use anyhow::{Result, bail};
 use eval::{Evaluation, Options, Trajectory, read_times, read_trajectory};
 use serde::Serialize;

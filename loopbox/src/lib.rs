@@ -12,13 +12,16 @@
 pub mod blobs;
 pub mod calibrating;
 mod counting;
+mod describing;
 pub mod evaluating;
 mod explaining;
 #[cfg(feature = "fleet")]
 pub mod fleet;
+mod fragments;
 pub mod importing;
 mod level;
 pub mod lidar;
+mod listeners;
 pub mod merging;
 pub mod open;
 pub mod placing;

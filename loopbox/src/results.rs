@@ -13,10 +13,12 @@
 //! In a folder without results, the live map has its final name, `map.mcap`, from the beginning.
 
 mod earlier;
+pub(crate) mod file_names;
 
 pub use earlier::{MANIFEST, Owner, map_file_at, map_in};
 
 use anyhow::{Context, Error, Result, bail};
+use file_names::MAP;
 use map::MapError;
 use std::fs::{self, File, TryLockError};
 use std::io::ErrorKind;
@@ -24,7 +26,6 @@ use std::path::{Path, PathBuf};
 
 /// The folder, among the results of a station, of what LiDARs' maps make: the common map beside it is of cameras.
 pub(crate) const COMMON_OF_LIDARS: &str = "lidar";
-const MAP: &str = "map.mcap";
 const PARTIAL: &str = "partial.tmp";
 const COMPLETE: &str = "complete.tmp";
 const UNFINISHED: &str = "unfinished";

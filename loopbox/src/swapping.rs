@@ -1,12 +1,11 @@
 //! Keyframes of long runs on the disk: what is more than memory is given to files that have no name, which the system
 //! reads and writes page by page as it is looked at, and forgets when the program ends.
 
-use crate::run::free_bytes;
 use geometry::{Swap, Swapped};
 use memmap2::{MmapOptions, MmapRaw, UncheckedAdvice};
 use std::fmt;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -149,6 +148,12 @@ unsafe impl Swapped for Piece {
         // is given back is the system's affair.
         let _ = unsafe { self.file.pages.unchecked_advise_range(UncheckedAdvice::DontNeed, start, len) };
     }
+}
+
+/// Bytes of a file system that a program may still write; `None` where that is not known.
+pub fn free_bytes(folder: &Path) -> Option<u64> {
+    let about = rustix::fs::statvfs(folder).ok()?;
+    about.f_bavail.checked_mul(about.f_frsize)
 }
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use loopbox::blobs::{local_files, local_pair};
 use loopbox::lidar::{self, LidarMergeOptions};
 use loopbox::merging::MergingParams;
 use loopbox::open::{Sensors, sensors_at};
-use loopbox::run::{FrameRow, PreparedRun, Progress, Recording, RunOptions, Silent, state_name};
+use loopbox::run::{FrameRow, PreparedRun, Progress, Recording, RunOptions, state_name};
 use loopbox::verdicts::{ProposedPair, VerdictOptions, find_verdict, propose_pairs};
 use loopbox::{MergeOptions, merge_maps};
 use pyo3::exceptions::PyValueError;
@@ -172,7 +172,7 @@ pub fn verdict(
     let evaluated = py.detach(|| {
         on_threads(threads, || {
             let maps = local_pair(&[a, b], &|_| {})?;
-            let found = find_verdict(&maps, &options, &Stop::default(), &Silent)?;
+            let found = find_verdict(&maps, &options, &Stop::default(), &())?;
             Ok((found.joins, found.text, serde_json::to_string(&found.pair_results)?))
         })
     });
@@ -184,7 +184,7 @@ pub fn verdict(
 pub fn propose(py: Python<'_>, maps: Vec<PathBuf>) -> PyResult<Vec<(OsString, OsString, Option<f32>)>> {
     let proposed = py.detach(|| {
         on_threads(None, || {
-            let pairs = propose_pairs(&maps, &MergingParams::default(), &Stop::default(), &Silent)?;
+            let pairs = propose_pairs(&maps, &MergingParams::default(), &Stop::default(), &())?;
             let pair = |pair: ProposedPair| {
                 // A path of Python's would take one of the two slashes of a URI away.
                 let [a, b] = pair.maps.map(PathBuf::into_os_string);

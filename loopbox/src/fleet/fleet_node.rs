@@ -119,7 +119,7 @@ impl Fleet {
         let (path, in_background) = (options.out.join(STATUS), options.in_background);
         let work = move || {
             if in_background {
-                crate::run::lower_priority();
+                crate::describing::lower_priority();
             }
             of_thread.merge_until_the_end(collector, &seen)
         };

@@ -1,7 +1,8 @@
 //! The map of a run, told while it grows: in a thread of its own, which gives way to all others. What is left when the
 //! run has ended is told by whoever waits for it, and gives way to nobody.
 
-use crate::run::{MapListener, lower_priority};
+use crate::describing::lower_priority;
+use crate::listeners::MapListener;
 use anyhow::{Context, Result};
 use fleet::publishing::Publisher;
 use fleet::service::Service;

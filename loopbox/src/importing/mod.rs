@@ -8,8 +8,8 @@ mod build;
 mod colmap;
 mod rgbd;
 
+use crate::describing::complete as find_features;
 use crate::open::recording_name;
-use crate::run::find_features;
 use anyhow::{Context, Result, bail};
 use build::Built;
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The maps that a LiDAR's run made after losses, joined where they show one place: as the maps of several agents are.
 
 use super::merging::{Input, LidarMergeParams, merge};
-use crate::run::{in_order, most_frames_first};
+use crate::fragments::{in_order, most_frames_first};
 use map::Map;
 use std::path::PathBuf;
 

@@ -1,6 +1,6 @@
 //! Whoever listens to a run is told how its map grows.
 
-use crate::run::Listeners;
+use crate::listeners::Listeners;
 use map::{AgentId, AgentInfo, Identity, Map, MapDelta, Moved};
 
 /// Tells listeners what is new of a map.
@@ -53,7 +53,7 @@ impl Notifier {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::run::MapListener;
+    use crate::listeners::MapListener;
     use geometry::{GrayImage, Sim3};
     use map::{Keyframe, KeyframeId, Scan, Sensor};
     use std::sync::{Arc, Mutex};

@@ -1,6 +1,6 @@
 //! The features and words of a map's keyframes.
 
-use crate::run::describing::complete as find_features;
+use crate::describing::complete as find_features;
 use features::{Features, codec};
 use geometry::Swap;
 use map::{Keyframe, KeyframeId, Map, SharedBytes};

@@ -58,7 +58,8 @@ pub trait MergeWatcher {
     fn warn(&self, _text: &str) {}
 }
 
-impl MergeWatcher for crate::run::Silent {}
+/// Tells nobody.
+impl MergeWatcher for () {}
 
 /// What came of a merge.
 pub struct Merged {
@@ -106,7 +107,7 @@ impl Merged {
 /// # Errors
 /// When a map cannot be read, or the common map cannot be made or written. Then nothing is written.
 pub fn merge_maps(paths: &[PathBuf], options: MergeOptions) -> Result<Merged> {
-    merge_maps_watched(paths, options, &Stop::default(), &crate::run::Silent)
+    merge_maps_watched(paths, options, &Stop::default(), &())
 }
 
 /// The same, told to `watcher` and ended by `stop`.

@@ -1,7 +1,6 @@
 //! What rests on the disk between pairs says the same as what stays in memory.
 
 use super::{Input, KnownBefore, MergingParams, load, merge_knowing};
-use crate::run::Silent;
 use crate::swapping::SwapFiles;
 use crate::verdicts::CameraVerdicts;
 use crate::verdicts::digest::MapDigest;
@@ -52,7 +51,7 @@ fn maps(folder: &Path) -> Vec<PathBuf> {
 /// What came of merging `maps` with what is swapped: the bytes of the verdicts by name, and the common maps.
 fn merged(maps: &[PathBuf], swap: &SwapFiles, folder: &Path) -> (BTreeMap<String, Vec<u8>>, Vec<Map>) {
     let (vocabulary, params) = (Vocabulary::shipped(), MergingParams::default());
-    let inputs = load(maps, &vocabulary, swap, &Silent, &mut |_| Ok(())).unwrap();
+    let inputs = load(maps, &vocabulary, swap, &(), &mut |_| Ok(())).unwrap();
     let digests = maps.iter().map(|map| MapDigest::of(map).unwrap()).collect();
     let verdicts = CameraVerdicts::at(folder, digests, &params).unwrap();
     let known = KnownBefore { verdicts: Some(&verdicts), ..KnownBefore::default() };
@@ -93,7 +92,7 @@ fn verdicts_and_common_map_are_the_same_to_the_byte_whatever_rests() {
 /// The same map with the features of its keyframes, in `folder`.
 fn describe(map: &Path, folder: &Path) -> PathBuf {
     let mut described = map::load_map(map).unwrap().map;
-    assert!(crate::run::find_features(&mut described, None) > 0);
+    assert!(crate::describing::complete(&mut described, None) > 0);
     let file = folder.join(map.file_name().unwrap());
     save_map(&file, &described).unwrap();
     file

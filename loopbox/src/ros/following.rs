@@ -1,7 +1,7 @@
 //! From the run to the thread that publishes: what is new is left in a slot, and taken when that thread gets to it.
 
 use super::health::Health;
-use crate::run::{MapListener, ProcessedFrame};
+use crate::listeners::{MapListener, ProcessedFrame};
 use geometry::sensor::Shift;
 use geometry::{GrayImage, Pinhole, Se3, Sim3};
 use map::{AgentInfo, FramePose, Identity, Keyframe, KeyframeId, Map, MapDelta, SemiDense, Shared};

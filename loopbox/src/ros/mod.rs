@@ -15,7 +15,7 @@ pub use common::Common;
 pub use following::Follower;
 pub use publisher::Published;
 
-use crate::run::lower_priority;
+use crate::describing::lower_priority;
 use anyhow::{Context, Result};
 use following::Pending;
 use publisher::RunPublisher;

@@ -1,6 +1,6 @@
 //! What `run.json` holds of each part of a run.
 
-use crate::run::file_names::{MAP, TRAJECTORY, numbered};
+use crate::results::file_names::{MAP, TRAJECTORY, numbered};
 use crate::run::scale_doubt::{ScaleDoubt, scale_doubts};
 use crate::run::without_depth::{WithoutDepth, without_depth};
 use serde::Serialize;

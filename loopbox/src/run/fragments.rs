@@ -1,5 +1,6 @@
 //! The maps that a run made after losses, joined where they show one place: as the maps of several agents are.
 
+use crate::fragments::{in_order, most_frames_first};
 use crate::merging::MergingParams;
 use crate::run::{Progress, surface_judge};
 use map::Map;
@@ -44,17 +45,4 @@ pub(super) fn merging() -> MergingParams {
     params.verification.acceptance.min_undecided_change = 0.0;
     params.further.place.prior = surface_judge::prior();
     params
-}
-
-/// A map with its frames in the order of the recording.
-pub(crate) fn in_order(mut map: Map) -> Map {
-    map.frames.sort_by_key(|frame| frame.frame_index);
-    map
-}
-
-/// Maps of one run, that of most frames first.
-pub(crate) fn most_frames_first(mut maps: Vec<Map>) -> Vec<Map> {
-    // Stable: of equals the earlier one comes first.
-    maps.sort_by_key(|map| std::cmp::Reverse(map.frames.len()));
-    maps
 }

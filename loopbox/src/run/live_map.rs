@@ -12,7 +12,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
 use writing::Writing;
-pub use writing::free_bytes;
 
 /// Frames that may wait to be written: two seconds of video. A tracker that is so much faster than the disk waits.
 const WAITING: usize = 64;

@@ -6,22 +6,17 @@
 //!   wants a new one; `runtime`: the loop around the agent; `resuming`: a run that goes on in the map of an earlier one;
 //! - `outlook` and `frame_survey`: what can be said before the run; `lens`: a recording without a calibration; `lens_check`:
 //!   whether the given one fits;
-//! - `describing`: the features of keyframes, found beside the run; `recognising`: a lost camera is found by these;
-//!   `surface_judge`: whether it is at the same place; `revisits`: loops that features find; `fragments`: what was tracked after losses is joined;
-//! - `listeners`: who is told how the map grows; `milestones`: how a long run goes;
-//! - `output`, `file_names`, `live_map` and `saving`: the files, at the end and on the way;
+//! - `recognising`: a lost camera is found by the features of keyframes; `surface_judge`: whether it is at the same place; `revisits`: loops that features find; `fragments`: what was tracked after losses is joined;
+//! - `milestones`: how a long run goes; `output`, `live_map` and `saving`: the files, at the end and on the way;
 //! - `record` and `fragment_record`: the numbers; `scale_doubt`: where the scale may have changed; `without_depth`: which
 //!   keyframes have no depth; `diagnosis`: why nothing was tracked.
 
-pub(crate) mod describing;
 mod diagnosis;
-mod file_names;
 mod fragment_record;
 mod fragments;
 mod frame_survey;
 mod lens;
 mod lens_check;
-mod listeners;
 mod live_map;
 mod milestones;
 mod options;
@@ -39,14 +34,11 @@ mod session;
 mod surface_judge;
 mod without_depth;
 
-pub use describing::complete as find_features;
-pub(crate) use describing::lower_priority;
-pub use file_names::LIVE_TRAJECTORY;
-pub(crate) use file_names::{TRAJECTORY, numbered};
-pub(crate) use fragments::{in_order, most_frames_first};
+pub use crate::describing::complete as find_features;
+pub use crate::listeners::{Listeners, MapListener, ProcessedFrame};
+pub use crate::results::file_names::LIVE_TRAJECTORY;
+pub use crate::swapping::free_bytes;
 pub use lens::{FoundLens, Recording, find_lens, find_live_lens};
-pub use listeners::{Listeners, MapListener, ProcessedFrame};
-pub use live_map::free_bytes;
 pub use options::{PreparedRun, RunOptions, run};
 pub use outlook::{CameraNumbers, Outlook};
 pub use output::TrajectoryFormat;

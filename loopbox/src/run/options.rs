@@ -3,7 +3,6 @@
 use super::diagnosis::too_few_poses;
 use super::lens::{FirstPart, FoundLens, Recording};
 use super::lens_check::GivenLens;
-use super::listeners::{Listeners, MapListener};
 use super::outlook::expect_found_camera;
 use super::output::{Output, REPORT, TrajectoryFormat};
 use super::record::{CalibrationRecord, Setup};
@@ -13,6 +12,7 @@ use super::scale_doubt::doubtful_scale;
 use super::session::{Mapped, Session};
 use super::without_depth::doubtful_depth;
 use super::{Progress, Silent};
+use crate::listeners::{Listeners, MapListener};
 use crate::open::recording_name;
 use crate::swapping::SwapFiles;
 use anyhow::{Result, anyhow, bail};

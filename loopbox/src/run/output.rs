@@ -1,8 +1,8 @@
 //! The folder a run writes into.
 
-use super::file_names::{LIVE_TRAJECTORY, MAP, TRAJECTORY, numbered};
 use super::live_map::LiveMapWriter;
 use super::record::{RunRecord, handed_out};
+use crate::results::file_names::{LIVE_TRAJECTORY, MAP, TRAJECTORY, numbered};
 use crate::results::{Owner, Results};
 use anyhow::{Context, Result};
 use map::{AgentInfo, CloudSelection, Identity, Map, MapDelta, StampedPose};

@@ -1,7 +1,7 @@
 //! Recognising a lost camera by features: the words of its image propose keyframes, the features that it shares with them
 //! rank these, and points at the features of the best give its pose.
 
-use crate::run::describing::described;
+use crate::describing::described;
 use features::{Features, codec};
 use geometry::{GrayImage, Pinhole, Sim3};
 use map::{KeyframeId, PlaceCandidate, PlaceIndex};

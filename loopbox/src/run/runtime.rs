@@ -3,11 +3,11 @@
 mod finishing;
 mod items;
 
+use crate::describing::Describer;
+use crate::listeners::{Listeners, ProcessedFrame};
 use crate::run::Progress;
-use crate::run::describing::Describer;
 use crate::run::diagnosis::{ImageStatistics, Losses};
 use crate::run::lens_check::LensCheck;
-use crate::run::listeners::{Listeners, ProcessedFrame};
 use crate::run::milestones::{Milestones, Standing};
 use crate::run::output::Output;
 use crate::run::record::FrameRow;

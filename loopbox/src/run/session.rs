@@ -1,11 +1,11 @@
 //! A run as it was asked for: one map after another, until the source ends, the user stops it, or nobody wants a new
 //! one.
 
+use crate::describing::Describer;
+use crate::listeners::Listeners;
 use crate::run::Progress;
-use crate::run::describing::Describer;
 use crate::run::fragments;
 use crate::run::lens_check::{GivenLens, LensCheck};
-use crate::run::listeners::Listeners;
 use crate::run::output::Output;
 use crate::run::recognising::Recogniser;
 use crate::run::record::{RunRecord, Setup};

@@ -1,6 +1,5 @@
 use super::*;
 use crate::lidar::{LidarMergeOptions, merge_maps};
-use crate::run::Silent;
 use geometry::{GrayImage, Se3, Sim3};
 use loopbox_tests::lidar::{HALL, sweep};
 use map::{AgentInfo, Identity, Keyframe, KeyframeId, Map, Scan, Sensor, Uuid};
@@ -64,7 +63,7 @@ fn workers_find_what_a_merge_of_lidars_keeps_and_nothing_is_left_for_it() {
     paths.iter().for_each(|path| drop(store.put_map(path).unwrap()));
     let options = WorkOptions { store: place.clone(), once: true, ..WorkOptions::default() };
     let both: Vec<Work> = std::thread::scope(|scope| {
-        let workers = [0, 1].map(|_| scope.spawn(|| work(&options, &Stop::default(), &Silent).unwrap()));
+        let workers = [0, 1].map(|_| scope.spawn(|| work(&options, &Stop::default(), &()).unwrap()));
         workers.into_iter().map(|worker| worker.join().unwrap()).collect()
     });
     // A pair that both took at once is there once.
@@ -75,7 +74,7 @@ fn workers_find_what_a_merge_of_lidars_keeps_and_nothing_is_left_for_it() {
     let merge = LidarMergeOptions { verdicts, ..LidarMergeOptions::to(room.path().join("out")) };
     merge_maps(&paths, &merge, &Stop::default(), &mut |_| {}).unwrap();
     assert!(files(&reference).len() == 3 && files(&place.join("verdicts")) == files(&reference));
-    assert_eq!(work(&options, &Stop::default(), &Silent).unwrap(), Work::default());
+    assert_eq!(work(&options, &Stop::default(), &()).unwrap(), Work::default());
 }
 
 #[test]
@@ -92,7 +91,7 @@ fn maps_that_cannot_be_asked_are_left_out_and_named_and_the_others_are_asked() {
     let rotten = format!("{}.mcap", "a".repeat(64));
     fs::copy(&paths[1], place.join("maps").join(&rotten)).unwrap();
     let options = WorkOptions { store: place.clone(), once: true, ..WorkOptions::default() };
-    let done = work(&options, &Stop::default(), &Silent).unwrap();
+    let done = work(&options, &Stop::default(), &()).unwrap();
     assert_eq!((done.asked, done.left_out.len()), (3, 2), "{done:?}");
     let all = done.left_out.join("\n");
     assert!(all.contains("text.mcap") && all.contains(&rotten) && all.contains("delete it"), "{all}");
@@ -107,6 +106,6 @@ fn a_store_that_cannot_be_written_ends_it_and_is_named() {
     paths.iter().for_each(|path| drop(store.put_map(path).unwrap()));
     fs::write(place.join("verdicts"), "in the way").unwrap();
     let options = WorkOptions { store: place.clone(), once: true, ..WorkOptions::default() };
-    let refused = work(&options, &Stop::default(), &Silent).unwrap_err().to_string();
+    let refused = work(&options, &Stop::default(), &()).unwrap_err().to_string();
     assert!(refused.contains("verdicts"), "{refused}");
 }

@@ -4,7 +4,7 @@ use super::config::AgentConfig;
 use super::room::{Plan, Room, plan};
 use super::sessions::{Session, Sessions};
 use super::vitals::{Vitals, Why};
-use crate::run::free_bytes;
+use crate::swapping::free_bytes;
 use crate::{Level, SwapFiles};
 use std::fs;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,6 @@
 //! How maps of cameras are merged here: by what, and on which threads.
 
+use crate::describing::lower_priority;
 use crate::fleet::agents::Inputs;
 use crate::fleet::components::Components;
 use crate::fleet::prefetch::MergedPair;
@@ -8,7 +9,6 @@ use crate::fleet::remembering::Memory;
 use crate::merging::{
     Batch, Groups, Input, Looked, Merging, MergingParams, PairResults, Places, Share, common_map, look,
 };
-use crate::run::lower_priority;
 use anyhow::{Context, Result, anyhow};
 use map::Identity;
 use place_recog::Vocabulary;

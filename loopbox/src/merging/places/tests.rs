@@ -1,6 +1,5 @@
 use super::*;
 use crate::merging::{load, load_appearances, proposed};
-use crate::run::Silent;
 use crate::swapping::SwapFiles;
 use geometry::{Pinhole, Sim3};
 use loopbox_tests::Texture;
@@ -37,7 +36,7 @@ fn what_is_kept_of_maps_proposes_what_the_maps_do() {
     let vocabulary = Vocabulary::shipped();
     let memory = SwapFiles::new(folder.path().to_owned());
     let mut quiet = |_: &str| Ok(());
-    let inputs = load(&maps, &vocabulary, &memory, &Silent, &mut quiet).unwrap();
+    let inputs = load(&maps, &vocabulary, &memory, &(), &mut quiet).unwrap();
     for method in [IndexMethod::BagOfWords, IndexMethod::FabMap, IndexMethod::Thumbnails] {
         let mut params = MergingParams::default();
         params.places.method = method;
@@ -45,7 +44,7 @@ fn what_is_kept_of_maps_proposes_what_the_maps_do() {
         let expected = proposed(&of_maps, &vocabulary, &params);
         assert!(expected.iter().any(|(pair, ..)| *pair == [1, 0]), "{method:?}: {expected:?}");
         let (numbers, alone): (Vec<usize>, Vec<_>) =
-            load_appearances(&maps, &vocabulary, &params.places, &Silent, &mut quiet)
+            load_appearances(&maps, &vocabulary, &params.places, &(), &mut quiet)
                 .unwrap()
                 .into_iter()
                 .unzip();

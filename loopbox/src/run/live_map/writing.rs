@@ -4,6 +4,7 @@
 //! says all of it at once, and whoever finds `map.mcap` finds no less than that map.
 
 use super::Message;
+use crate::swapping::free_bytes;
 use anyhow::{Context, Result};
 use map::{AgentInfo, FramePose, Keyframe, MapDelta, MapWriter, Settled};
 use std::collections::{BTreeMap, VecDeque};
@@ -162,12 +163,6 @@ impl Message {
             std::mem::swap(&mut first.added, &mut piece.added);
         }
     }
-}
-
-/// Bytes of a file system that a program may still write; `None` where that is not known.
-pub fn free_bytes(folder: &Path) -> Option<u64> {
-    let about = rustix::fs::statvfs(folder).ok()?;
-    about.f_bavail.checked_mul(about.f_frsize)
 }
 
 /// Bytes that a delta may take in a file, at most: images are compressed there.
