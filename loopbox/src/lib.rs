@@ -7,10 +7,11 @@
 //! [`mod@run`] takes frames from a source through an agent into a folder of results, [`merging`] brings maps of several
 //! agents together, [`calibrating`] makes a camera's calibration from images of a board; [`results`] keeps folders of
 //! results whole, [`importing`] makes maps of posed images from elsewhere, [`placing`] brings maps to metres and upright, [`write_report`] makes the report of a map alone. [`lidar`] does the same for LiDAR agents; `fleet` lets
-//! agents pair over a network, [`ros`] publishes a run to ROS 2. [`verdicts`] keeps what pairs of maps made of each other, as [`blobs`]; [`store`] has maps beside them, whose pairs workers ask. [`unattended`] runs an agent for ever, session after session.
+//! agents pair over a network, [`ros`] publishes a run to ROS 2. [`pairs`] proposes pairs of maps and finds the verdict on one, [`verdicts`] keeps what pairs made of each other, as [`blobs`]; [`store`] has maps beside them, whose pairs workers ask. [`unattended`] runs an agent for ever, session after session.
 
 pub mod blobs;
 pub mod calibrating;
+mod common_map;
 mod counting;
 mod describing;
 pub mod evaluating;
@@ -24,6 +25,7 @@ pub mod lidar;
 mod listeners;
 pub mod merging;
 pub mod open;
+pub mod pairs;
 pub mod placing;
 pub mod program;
 mod reporting;

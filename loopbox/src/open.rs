@@ -1,11 +1,9 @@
 //! Maps as people name them: a file, or the folder of results that holds one. A manifest is as good as the map that it makes.
 
-pub(crate) mod opened;
-
+pub use crate::common_map::opened::OpenedMap;
 pub use crate::results::map_file_at;
-pub use opened::OpenedMap;
 
-use crate::merging::manifest::{assembled, is_manifest, maps_of};
+use crate::common_map::manifest::{assembled, is_manifest, maps_of};
 use crate::results::map_in;
 use anyhow::Result;
 use geometry::Swap;

@@ -12,6 +12,7 @@
 //!
 //! In a folder without results, the live map has its final name, `map.mcap`, from the beginning.
 
+pub(crate) mod digest;
 mod earlier;
 pub(crate) mod file_names;
 

@@ -10,7 +10,7 @@ use loopbox::lidar::{self, LidarMergeOptions};
 use loopbox::merging::MergingParams;
 use loopbox::open::{Sensors, sensors_at};
 use loopbox::run::{FrameRow, PreparedRun, Progress, Recording, RunOptions, state_name};
-use loopbox::verdicts::{ProposedPair, VerdictOptions, find_verdict, propose_pairs};
+use loopbox::pairs::{ProposedPair, VerdictOptions, find_verdict, propose_pairs};
 use loopbox::{MergeOptions, merge_maps};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

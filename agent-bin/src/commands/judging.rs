@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use clap::Args;
 use loopbox::lidar::merging::LidarMergeParams;
 use loopbox::merging::MergingParams;
-use loopbox::verdicts::VerdictOptions;
+use loopbox::pairs::VerdictOptions;
 use std::path::PathBuf;
 
 /// By which method and parameters pairs of maps are judged.

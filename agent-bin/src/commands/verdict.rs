@@ -9,7 +9,7 @@ use anyhow::Result;
 use clap::Args;
 use loopbox::blobs::local_pair;
 use loopbox::open::{Sensors, sensors_at};
-use loopbox::verdicts::{find_verdict, listed_pairs, propose_pairs};
+use loopbox::pairs::{find_verdict, listed_pairs, propose_pairs};
 use std::path::PathBuf;
 
 /// Tell whether two maps show one place, and keep the verdict for others; exit code 3 where they are not joined

@@ -2,6 +2,7 @@
 //! thread.
 
 use crate::markdown::{read, repository};
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
@@ -69,6 +70,43 @@ fn clocks_files_sockets_and_threads_are_found() {
     found("scans/src", "std::fs");
     found("fleet/src/transport", "std::net");
     found("slam-direct/src", "std::thread");
+}
+
+/// What each room of `loopbox` imports of the others: files and folders of its sources, without tests.
+fn imports() -> BTreeMap<String, BTreeSet<String>> {
+    let sources = repository().join("loopbox/src");
+    let entries = fs::read_dir(&sources).expect("the library has sources").map(|e| e.expect("listed").path());
+    let name = |path: &Path| path.file_stem().and_then(|name| name.to_str()).unwrap_or_default().to_owned();
+    let rooms: BTreeSet<String> = entries.map(|path| name(&path)).filter(|room| room != "lib").collect();
+    let of_room = |room: &String| {
+        let (file, folder) = (sources.join(format!("{room}.rs")), sources.join(room));
+        let mut lines = if folder.is_dir() { uses(&folder, &["crate::"]) } else { Vec::new() };
+        if let Ok(text) = fs::read_to_string(file) {
+            let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+            lines.extend(code.lines().map(str::to_owned));
+        }
+        let named = |other: &&String| {
+            *other != room && lines.iter().any(|line| line.contains(&format!("crate::{other}::")))
+        };
+        (room.clone(), rooms.iter().filter(named).cloned().collect())
+    };
+    rooms.iter().map(of_room).collect()
+}
+
+#[test]
+fn rooms_of_the_library_import_one_way() {
+    let mut left = imports();
+    assert!(left["run"].contains("merging") && left["merging"].contains("lidar"), "{left:?}");
+    // Rooms that import none that is left can be taken away, down to the last one.
+    while !left.is_empty() {
+        let lowest: Vec<String> = left
+            .iter()
+            .filter(|(_, others)| others.iter().all(|other| !left.contains_key(other)))
+            .map(|(room, _)| room.clone())
+            .collect();
+        assert!(!lowest.is_empty(), "ARCHITECTURE.md says that rooms import one way: {left:?}");
+        left.retain(|room, _| !lowest.contains(room));
+    }
 }
 
 #[test]

@@ -130,7 +130,11 @@ fn section(heading: &str) -> String {
 fn each_field_of_a_record_is_in_its_section() {
     for (heading, files, least) in [
         ("`merge.json` of LiDARs", &["loopbox/src/lidar/merging/record.rs"][..], 35),
-        ("`manifest.json`", &["loopbox/src/merging/manifest.rs", "merge/src/common_map/arrangement.rs"], 17),
+        (
+            "`manifest.json`",
+            &["loopbox/src/common_map/manifest.rs", "merge/src/common_map/arrangement.rs"],
+            17,
+        ),
         (
             "`fleet.json`, `loopbox fleet --json`",
             &["loopbox/src/fleet/status.rs", "fleet/src/merge_results.rs"],

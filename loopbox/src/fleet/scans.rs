@@ -8,12 +8,13 @@ use super::common_maps::{Failed, WRITE_INTERVAL};
 use super::merge_results::reported_verdict;
 use super::remembering::Content;
 use crate::blobs::MemoryBlobs;
+use crate::lidar::merging::verdicts::LidarVerdicts;
 use crate::lidar::merging::{
     Input, LidarMergeParams, LidarMergeRecord, LidarMerging, decision, merge_knowing, place_of,
 };
 use crate::lidar::write_merged;
 use crate::results::{COMMON_OF_LIDARS, Owner, Results};
-use crate::verdicts::{LidarVerdicts, MapDigest, Verdicts};
+use crate::verdicts::{MapDigest, Verdicts};
 use anyhow::{Result, anyhow};
 use fleet::merge_results::{MergeResults, PairVerdict, PlacedAgent, numbers};
 use geometry::Se3;

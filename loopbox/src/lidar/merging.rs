@@ -3,6 +3,7 @@
 pub(crate) mod input;
 pub(crate) mod params;
 mod record;
+pub(crate) mod verdicts;
 
 pub(crate) use input::Files;
 pub use input::Input;
@@ -10,8 +11,7 @@ pub use params::LidarMergeParams;
 pub use record::{DifferenceRecord, EvidenceRecord, InputRecord, LidarMergeRecord, MergeCost, PairRecord};
 
 use super::convert::edge;
-use crate::merging::names::named_pair;
-use crate::verdicts::LidarVerdicts;
+use crate::common_map::names::named_pair;
 use anyhow::{Result, bail};
 use backend::verdict::Answer;
 use geometry::{Se3, Sim3};
@@ -23,6 +23,7 @@ use slam_lidar::merging::{MergeMethod, merge_by};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::time::Instant;
+use verdicts::LidarVerdicts;
 
 /// A merge that the others contradict ends with a weight below this, and is taken back.
 const OUTVOTED: f64 = 0.5;

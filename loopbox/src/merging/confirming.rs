@@ -1,8 +1,8 @@
 //! Pairs of maps of which a person says that both show one place.
 
-use super::names::named_pair;
+use super::verdicts::CameraVerdicts;
 use super::{Input, MergingParams, PairResult, PairResults};
-use crate::verdicts::CameraVerdicts;
+use crate::common_map::names::named_pair;
 use anyhow::{Context, Result, bail};
 use merge::acceptance::{AcceptanceParams, Verdict};
 use merge::verification::Outcome;

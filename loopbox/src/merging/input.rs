@@ -1,7 +1,7 @@
 //! A map to be merged, with the features and words of its keyframes.
 
-use super::described::{Described, decoded};
-use super::names::untaken;
+use crate::common_map::names::{name_of, untaken};
+use crate::describing::described::{Described, decoded};
 use crate::open::open_map_swapped;
 use anyhow::{Context, Result, bail};
 use features::{Features, SiftParams, sift};
@@ -110,11 +110,6 @@ impl Input {
     pub fn directed(&self) -> Directed<'_> {
         Directed { features: &self.features, index: &self.direct }
     }
-}
-
-/// What to call a map: its agents' names.
-pub(crate) fn name_of(map: &Map) -> String {
-    map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+")
 }
 
 /// A map that cannot be merged.

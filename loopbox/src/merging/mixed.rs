@@ -6,16 +6,19 @@
 
 mod report;
 
-use super::described::describe;
-use super::manifest::{Given, ManifestMap, arrangements, begin};
 use super::options::MergeWatcher;
-use super::output::write_maps;
-use super::{Input, KnownBefore, Manifest, MergingParams, Names, merge_knowing, name_of};
+use super::verdicts::CameraVerdicts;
+use super::{Input, KnownBefore, Manifest, MergingParams, Names, merge_knowing};
+use crate::common_map::groups::write_maps;
+use crate::common_map::manifest::{Given, ManifestMap, arrangements, begin};
+use crate::common_map::names::name_of;
+use crate::describing::described::describe;
 use crate::lidar::merging as lidar;
+use crate::lidar::merging::verdicts::LidarVerdicts;
 use crate::open::open_map;
 use crate::results::Results;
-use crate::verdicts::digest::agent_digests;
-use crate::verdicts::{CameraVerdicts, LidarVerdicts, MapDigest};
+use crate::results::digest::agent_digests;
+use crate::verdicts::MapDigest;
 use anyhow::{Context, Result, anyhow};
 use geometry::Sim3;
 use map::{AgentId, Map, SensorKind};

@@ -4,15 +4,12 @@
 mod batches;
 mod confirming;
 mod contradictions;
-mod described;
 mod incremental;
 pub(crate) mod input;
 mod joint;
 mod looking;
 mod making;
-pub(crate) mod manifest;
 mod mixed;
-pub(crate) mod names;
 mod options;
 mod output;
 pub(crate) mod pair_result;
@@ -25,21 +22,20 @@ mod report;
 mod resting_tests;
 mod rig;
 mod verdict;
+pub(crate) mod verdicts;
 
+pub use crate::common_map::groups::{map_file, write_maps};
+pub use crate::common_map::manifest::{Manifest, ManifestMap, is_manifest};
+pub use crate::common_map::names::{Names, listed};
 pub use crate::results::keep_from;
+pub(crate) use crate::verdicts::pairs;
 #[cfg(all(test, feature = "fleet"))]
 pub(crate) use incremental::Seen;
-pub(crate) use input::name_of;
 pub use input::{Input, features_of_keyframes};
-pub(crate) use manifest::begin;
-pub use manifest::{Manifest, ManifestMap, is_manifest};
 pub use mixed::{MixedAgent, MixedMerged, MixedOptions, MixedPairResult, MixedRecord, merge_mixed};
-pub use names::{Names, listed};
 pub use options::{MergeOptions, MergeWatcher, Merged, merge_maps, merge_maps_watched};
-pub(crate) use options::{load, load_appearances, refuse_one};
-pub(crate) use output::{GroupMap, write_groups};
-pub use output::{map_file, write_maps, write_results};
-pub(crate) use pair_result::pairs;
+pub(crate) use options::{load, load_appearances};
+pub use output::write_results;
 pub use pair_result::{PairResult, Seconds, outcome_name, refusal};
 pub use pair_results::PairResults;
 pub use params::MergingParams;
@@ -58,13 +54,13 @@ pub(crate) use {
     verdict::refusal_of,
 };
 
-use crate::verdicts::CameraVerdicts;
 use anyhow::Result;
 use geometry::Swap;
 use merge::common_map::{Addresses, CommonMap, Fused, TakenBack};
 use merge::merge_graph::MergeGraph;
 use place_recog::Vocabulary;
 use std::sync::Arc;
+use verdicts::CameraVerdicts;
 
 /// A merging with all that led to it.
 pub struct Merging {

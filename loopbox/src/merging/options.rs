@@ -1,15 +1,16 @@
 //! A merge as it is asked for, and its way from there to the results.
 
 use super::joint::optimised;
-use super::manifest::{ManifestMap, arrangements, begin};
 use super::places::Appearances;
+use super::verdicts::CameraVerdicts;
 use super::{
     Input, KnownBefore, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, listed,
     merge_knowing, verdicts, write_results,
 };
+use crate::common_map::manifest::{ManifestMap, arrangements, begin};
 use crate::swapping::SwapFiles;
-use crate::verdicts::{CameraVerdicts, MapDigest};
-use anyhow::{Result, anyhow, bail};
+use crate::verdicts::MapDigest;
+use anyhow::{Result, anyhow};
 use place_recog::{ProposeParams, Vocabulary};
 use rayon::prelude::*;
 use sources::Stop;
@@ -142,7 +143,7 @@ pub fn merge_maps_watched(
     let (names, provenance) = (Names::new(&merging.common), merging.provenance(&inputs, params));
     if params.joint && merging.any_joined() {
         stage("optimising the common map jointly")?;
-        let settled = given.restore(&mut merging, &digests, &provenance);
+        let settled = given.restore((&mut merging.fused, &merging.addresses), &digests, &provenance);
         for (fused, why) in
             optimised(&mut merging.fused, &settled, params.joint_keyframes, &|| stop.requested())
         {
@@ -177,15 +178,6 @@ fn lines(inputs: &[Input], digests: Vec<MapDigest>) -> Vec<ManifestMap> {
         ManifestMap { name, path, sha256 }
     };
     inputs.iter().zip(digests).map(line).collect()
-}
-
-/// Refuses one map alone.
-pub(crate) fn refuse_one(paths: &[PathBuf]) -> Result<()> {
-    let [map] = paths else { return Ok(()) };
-    bail!(
-        "{}: is one map; there is nothing to merge it with\nhint: give two or more: loopbox merge A B --out DIR",
-        map.display()
-    )
 }
 
 /// Reads the maps with their features, and finds those that they lack. Maps of one name are told apart; those in metres

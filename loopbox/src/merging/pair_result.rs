@@ -8,11 +8,6 @@ use merge::verification::{EvaluatedClosure, Outcome, TestedPlace};
 use serde::Serialize;
 use std::sync::Arc;
 
-/// Every two of so many inputs, the earlier first: (0, 1), (0, 2), (1, 2), (0, 3), …
-pub(crate) fn pairs(inputs: usize) -> impl Iterator<Item = [usize; 2]> {
-    (1..inputs).flat_map(|later| (0..later).map(move |earlier| [earlier, later]))
-}
-
 /// What two maps made of each other. Which of them is the source and which the target follows from the maps
 /// themselves and not from the order in which they are given, so that no verdict depends on that. Copies share all that is
 /// large.

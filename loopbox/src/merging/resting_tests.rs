@@ -1,9 +1,9 @@
 //! What rests on the disk between pairs says the same as what stays in memory.
 
+use super::verdicts::CameraVerdicts;
 use super::{Input, KnownBefore, MergingParams, load, merge_knowing};
+use crate::results::digest::MapDigest;
 use crate::swapping::SwapFiles;
-use crate::verdicts::CameraVerdicts;
-use crate::verdicts::digest::MapDigest;
 use geometry::{Se3, Sim3, Swap, Swapped};
 use loopbox_tests::{Recording, World, render, trajectory};
 use map::{AgentInfo, Keyframe, KeyframeId, Map, SemiDense, save_map};

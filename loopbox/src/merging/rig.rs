@@ -8,8 +8,8 @@
 mod report;
 
 use super::options::MergeWatcher;
-use super::output::write_maps;
 use super::{Names, keep_from};
+use crate::common_map::groups::write_maps;
 use crate::open::open_map;
 use crate::placing::rig::{Tied, tie};
 use crate::results::{Owner, Results};

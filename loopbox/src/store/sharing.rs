@@ -4,7 +4,7 @@
 
 use super::Store;
 use crate::blobs::{Blobs, FolderBlobs};
-use crate::verdicts::check::is_camera_verdict;
+use crate::merging::verdicts::is_camera_verdict;
 use crate::verdicts::{MapDigest, VerdictKey};
 use anyhow::{Context, Result};
 use std::collections::BTreeSet;
@@ -244,6 +244,7 @@ impl Exchange {
 mod tests {
     use super::*;
     use crate::merging::MergingParams;
+    use crate::merging::verdicts::camera_key;
     use std::fs;
     use std::sync::mpsc::{Receiver, channel};
     use std::time::Instant;
@@ -278,7 +279,7 @@ mod tests {
 
         fn key(&self, maps: [&str; 2]) -> VerdictKey {
             let [a, b] = maps.map(|name| self.map(name).1);
-            VerdictKey::of_cameras([&a, &b], &MergingParams::default())
+            camera_key([&a, &b], &MergingParams::default())
         }
     }
 
@@ -292,7 +293,7 @@ mod tests {
         let mut room = Room::new();
         let [wanted, own, other, odd] =
             [["a", "b"], ["a", "c"], ["c", "d"], ["b", "c"]].map(|maps| room.key(maps));
-        let sound = crate::verdicts::check::refused_camera_verdict(&wanted);
+        let sound = crate::merging::verdicts::refused_camera_verdict(&wanted);
         let [there, here] = [room.path("store/verdicts"), room.path("here")];
         let there = |key: &VerdictKey| there.join(key.object());
         let here = |key: &VerdictKey| here.join(key.object());

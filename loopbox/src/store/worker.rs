@@ -6,9 +6,12 @@ use super::Store;
 use crate::blobs::{Blobs, FolderBlobs, Place};
 use crate::lidar;
 use crate::lidar::merging::LidarMergeParams;
+use crate::lidar::merging::verdicts::lidar_key;
+use crate::merging::verdicts::camera_key;
 use crate::merging::{MergeWatcher, MergingParams};
 use crate::open::{Sensors, open_map, sensors_at};
-use crate::verdicts::{MapDigest, VerdictKey, VerdictOptions, VerdictReport, find_verdict};
+use crate::pairs::{VerdictOptions, VerdictReport, find_verdict};
+use crate::verdicts::MapDigest;
 use anyhow::{Context, Result, bail};
 use sources::Stop;
 use std::cell::RefCell;
@@ -226,8 +229,8 @@ impl<'a> Worker<'a> {
     fn verdicts_of(&self, [a, b]: [&ReadyMap; 2]) -> Vec<String> {
         let both = a.agents.iter().flat_map(|a| b.agents.iter().map(move |b| [a, b]));
         let key = |maps: [&MapDigest; 2]| match a.sensors {
-            Sensors::Lidars => VerdictKey::of_lidars(maps, &self.options.lidars),
-            _ => VerdictKey::of_cameras(maps, &self.options.cameras),
+            Sensors::Lidars => lidar_key(maps, &self.options.lidars),
+            _ => camera_key(maps, &self.options.cameras),
         };
         both.map(|maps| key(maps).object()).collect()
     }

@@ -1,8 +1,6 @@
 //! What verdicts are called by.
 
-use super::digest::{MapDigest, hex};
-use crate::lidar::merging::params::LidarMergeParams;
-use crate::merging::params::MergingParams;
+use crate::results::digest::{MapDigest, hex};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
@@ -15,22 +13,12 @@ const EXTENSION: &str = "verdict";
 pub struct VerdictKey {
     name: String,
     /// Ascending.
-    pub(super) maps: [MapDigest; 2],
+    pub(crate) maps: [MapDigest; 2],
 }
 
 impl VerdictKey {
-    /// That of two maps of cameras, in either order.
-    pub fn of_cameras(maps: [&MapDigest; 2], params: &MergingParams) -> Self {
-        let MergingParams { places, rank, key_points, verification, method, baseline, further, .. } = params;
-        Self::new("cameras", maps, &(places, rank, key_points, verification, method, baseline, further))
-    }
-
-    /// That of two agents with LiDARs, in either order.
-    pub fn of_lidars(maps: [&MapDigest; 2], params: &LidarMergeParams) -> Self {
-        Self::new("lidars", maps, params)
-    }
-
-    fn new(sensors: &str, maps: [&MapDigest; 2], params: &impl Serialize) -> Self {
+    /// That of two maps in either order, of these `sensors`, by what of the parameters a verdict depends on.
+    pub(crate) fn of(sensors: &str, maps: [&MapDigest; 2], params: &impl Serialize) -> Self {
         let mut maps = maps.map(MapDigest::clone);
         maps.sort();
         let params = serde_json::to_string(params).expect("parameters are numbers, names and lists of these");

@@ -1,4 +1,8 @@
 use super::*;
+use crate::lidar::merging::LidarMergeParams;
+use crate::lidar::merging::verdicts::lidar_key;
+use crate::merging::MergingParams;
+use crate::merging::verdicts::camera_key;
 use std::fs;
 
 struct Room {
@@ -42,11 +46,11 @@ fn a_key_depends_on_maps_and_parameters_and_not_on_the_order() {
     let room = Room::new();
     let [a, b, c] = ["a", "b", "c"].map(|name| room.map(name, name.as_bytes()));
     let usual = MergingParams::default();
-    let key = |x: &MapDigest, y: &MapDigest, params: &MergingParams| VerdictKey::of_cameras([x, y], params);
+    let key = |x: &MapDigest, y: &MapDigest, params: &MergingParams| camera_key([x, y], params);
     assert_eq!(key(&a, &b, &usual), key(&b, &a, &usual));
     let mut longer = usual.clone();
     longer.further.place.prior.days_apart = 3.0;
-    let of_lidars = VerdictKey::of_lidars([&a, &b], &LidarMergeParams::default());
+    let of_lidars = lidar_key([&a, &b], &LidarMergeParams::default());
     let keys = [key(&a, &b, &usual), key(&a, &c, &usual), key(&a, &b, &longer), of_lidars];
     for (number, one) in keys.iter().enumerate() {
         assert!(keys[..number].iter().all(|other| other != one), "{keys:?}");
@@ -59,7 +63,7 @@ fn a_key_depends_on_maps_and_parameters_and_not_on_the_order() {
 fn the_first_verdict_stays_and_comes_back_with_every_bit() {
     let room = Room::new();
     let [a, b] = ["a", "b"].map(|name| room.map(name, name.as_bytes()));
-    let key = VerdictKey::of_cameras([&a, &b], &MergingParams::default());
+    let key = camera_key([&a, &b], &MergingParams::default());
     let verdicts = room.verdicts();
     assert!(verdicts.get::<Vec<f64>>(&key).unwrap().is_none());
     let numbers = [0.1, -0.0, f64::NAN, f64::INFINITY, f64::MIN_POSITIVE / 3.0];
@@ -75,7 +79,7 @@ fn the_first_verdict_stays_and_comes_back_with_every_bit() {
 fn a_file_that_is_no_verdict_on_the_maps_is_named() {
     let room = Room::new();
     let [a, b, c] = ["a", "b", "c"].map(|name| room.map(name, name.as_bytes()));
-    let of = |x: &MapDigest, y: &MapDigest| VerdictKey::of_cameras([x, y], &MergingParams::default());
+    let of = |x: &MapDigest, y: &MapDigest| camera_key([x, y], &MergingParams::default());
     let verdicts = room.verdicts();
     verdicts.put(&of(&a, &b), [&a, &b], &vec![1.0]).unwrap();
     let whole = fs::read(room.file(&of(&a, &b))).unwrap();

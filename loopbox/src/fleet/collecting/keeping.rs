@@ -3,9 +3,10 @@
 
 use crate::fleet::agents::Inputs;
 use crate::fleet::remembering::Memory;
+use crate::merging::verdicts::CameraVerdicts;
 use crate::merging::{Input, MergingParams, PairResult, PairResults, pairs};
 use crate::store::Sharing;
-use crate::verdicts::{CameraVerdicts, MapDigest, VerdictKey};
+use crate::verdicts::{MapDigest, VerdictKey};
 use anyhow::Result;
 use std::path::Path;
 use std::time::{Duration, Instant};

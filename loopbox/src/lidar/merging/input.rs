@@ -1,10 +1,10 @@
 //! Maps of LiDARs to be merged, each agent's own, and the files that they came from.
 
+use crate::common_map::manifest::ManifestMap;
+use crate::common_map::names::name_of;
+use crate::common_map::names::untaken;
 use crate::lidar::convert::keyframes;
-use crate::merging::input::name_of;
-use crate::merging::manifest::ManifestMap;
-use crate::merging::names::untaken;
-use crate::verdicts::digest::MapDigest;
+use crate::results::digest::MapDigest;
 use anyhow::{Context, Result, bail};
 use map::{Keyframe, KeyframeId, Map};
 use slam_lidar::keyframe;

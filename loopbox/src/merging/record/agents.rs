@@ -1,7 +1,7 @@
 //! Where the agents are, and which of them hang together.
 
+use crate::common_map::names::Names;
 use crate::merging::Merging;
-use crate::merging::names::Names;
 use geometry::Sim3;
 use map::{AgentId, Map};
 use merge::common_map::Fused;

@@ -7,9 +7,9 @@ mod pair_result;
 pub use agents::{AgentRecord, GroupRecord};
 pub use pair_result::{PairRecord, PairRecords};
 
-use super::names::Names;
-use super::output::map_file;
 use super::{Input, Merging, MergingParams};
+use crate::common_map::groups::map_file;
+use crate::common_map::names::Names;
 use serde::Serialize;
 
 /// Everything counted and measured when maps were merged.

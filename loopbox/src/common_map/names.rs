@@ -37,6 +37,11 @@ impl Names {
     }
 }
 
+/// What to call a map: its agents' names.
+pub(crate) fn name_of(map: &Map) -> String {
+    map.agents.values().map(|agent| &*agent.name).collect::<Vec<_>>().join("+")
+}
+
 /// A name with the least number that makes it one that is not taken; the name itself where it is not.
 pub(crate) fn untaken(name: &str, is_taken: impl Fn(&str) -> bool) -> String {
     let numbered = (2..).map(|number| format!("{name}-{number}"));

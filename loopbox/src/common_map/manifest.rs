@@ -1,11 +1,10 @@
 //! A common map as a manifest: the maps that it is made of, unchanged, and how they lie to each other. `map.mcap`, clouds and reports
 //! are made of it when they are asked for; it grows by maps that are new, and leaving maps out undoes their merges.
 
-use super::described::describe;
-use super::{Merging, refuse_one};
-use crate::open::opened::OpenedMap;
+use super::opened::OpenedMap;
+use crate::describing::described::describe;
+use crate::results::digest::MapDigest;
 use crate::results::{MANIFEST, Owner, Results, keep_from, map_file_at};
-use crate::verdicts::digest::MapDigest;
 use anyhow::{Context, Result, bail, ensure};
 use geometry::Swap;
 use merge::common_map::{Addresses, Arrangement, Fused, Numbers, Placed};
@@ -115,7 +114,7 @@ impl ManifestMap {
     ///
     /// # Errors
     /// Says which is not.
-    pub(super) fn check(&self, file: &Path) -> Result<()> {
+    pub(crate) fn check(&self, file: &Path) -> Result<()> {
         let Self { name, path, sha256 } = self;
         let (path, file) = (path.display(), file.display());
         let hint =
@@ -179,6 +178,15 @@ pub(crate) fn begin(
     Ok((given, Results::create(folder, &Owner::Merge, force)?))
 }
 
+/// Refuses one map alone.
+pub(crate) fn refuse_one(paths: &[PathBuf]) -> Result<()> {
+    let [map] = paths else { return Ok(()) };
+    bail!(
+        "{}: is one map; there is nothing to merge it with\nhint: give two or more: loopbox merge A B --out DIR",
+        map.display()
+    )
+}
+
 /// Maps as they were given to a merge, manifests among them taken apart.
 #[derive(Default)]
 pub(crate) struct Given {
@@ -237,12 +245,11 @@ impl Given {
     /// program with the same parameters. Says which these are.
     pub fn restore(
         &self,
-        merging: &mut Merging,
+        (fused, addresses): (&mut [Fused], &[Addresses]),
         digests: &[MapDigest],
         provenance: &[(String, String)],
     ) -> BTreeSet<usize> {
-        let placed: Vec<Vec<Placed>> =
-            merging.fused.iter().map(|fused| placed(fused, &merging.addresses)).collect();
+        let placed: Vec<Vec<Placed>> = fused.iter().map(|fused| placed(fused, addresses)).collect();
         let provenance: BTreeMap<String, String> = provenance.iter().cloned().collect();
         let is_settled = |(number, (fused, placed)): (usize, (&mut Fused, Vec<Placed>))| {
             let fresh = Arrangement::of(&fused.map, placed, provenance.clone());
@@ -254,7 +261,7 @@ impl Given {
             let known = self.groups.iter().find(is_same).filter(|_| fused.agents.len() > 1);
             known.filter(|(_, group)| group.put(&mut fused.map).is_ok()).map(|_| number)
         };
-        merging.fused.iter_mut().zip(placed).enumerate().filter_map(is_settled).collect()
+        fused.iter_mut().zip(placed).enumerate().filter_map(is_settled).collect()
     }
 
     /// The files of maps, of which only those that no manifest names are read.
@@ -291,7 +298,7 @@ fn agents_of(group: &Arrangement, digests: &[MapDigest]) -> Agents {
 }
 
 /// How the agents of common maps lie, whose maps have these addresses.
-pub(super) fn arrangements(
+pub(crate) fn arrangements(
     fused: &[Fused],
     addresses: &[Addresses],
     provenance: &[(String, String)],

@@ -1,6 +1,6 @@
 //! The features and words of a map's keyframes.
 
-use crate::describing::complete as find_features;
+use super::complete as find_features;
 use features::{Features, codec};
 use geometry::Swap;
 use map::{Keyframe, KeyframeId, Map, SharedBytes};
@@ -9,19 +9,19 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 
 /// The features that are kept with a keyframe; nothing where there are none, or none that can be read.
-pub(super) fn decoded(keyframe: &Keyframe) -> Option<Features> {
+pub(crate) fn decoded(keyframe: &Keyframe) -> Option<Features> {
     codec::decode(keyframe.features.as_deref()?).ok()
 }
 
 /// Gives the keyframes of a map the features and words that a merge would give them. `swap` keeps those found now, as far as
 /// it has room.
-pub(super) fn describe(map: &mut Map, vocabulary: &Vocabulary, swap: Option<&dyn Swap>) {
+pub(crate) fn describe(map: &mut Map, vocabulary: &Vocabulary, swap: Option<&dyn Swap>) {
     Described::of(map, vocabulary, swap);
 }
 
 /// What a map's keyframes with depth look like. Keyframes without could be recognised, but nothing could come of it.
 #[derive(Default)]
-pub(super) struct Described {
+pub(crate) struct Described {
     pub features: KeyframeFeatures,
     pub words: BTreeMap<KeyframeId, FeatureWords>,
     /// Of how many keyframes the features were found now.

@@ -1,6 +1,6 @@
 //! What maps are called by in verdicts and manifests.
 
-use crate::results::map_file_at;
+use super::map_file_at;
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -56,6 +56,6 @@ pub(crate) fn agent_digests(agents: &[(usize, usize)], files: &[MapDigest]) -> V
     agents.iter().map(digest).collect()
 }
 
-pub(super) fn hex(bytes: &[u8]) -> String {
+pub(crate) fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }

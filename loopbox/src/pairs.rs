@@ -1,8 +1,10 @@
 //! The verdict on two maps in files, and which pairs of many are worth asking.
 
-use super::{CameraVerdicts, LidarVerdicts};
 use crate::blobs;
-use crate::lidar::{self, merging::LidarMergeParams};
+use crate::common_map::manifest::refuse_one;
+use crate::lidar;
+use crate::lidar::merging::{LidarMergeParams, verdicts::LidarVerdicts};
+use crate::merging::verdicts::CameraVerdicts;
 use crate::merging::{self, KnownBefore, MergeWatcher, MergingParams, proposed};
 use crate::open::{Sensors, sensors_at};
 use crate::swapping::SwapFiles;
@@ -134,7 +136,7 @@ pub fn propose_pairs(
 ) -> Result<Vec<ProposedPair>> {
     let given = blobs::local_maps(maps, &|text| watcher.stage(text))?;
     let maps: Vec<PathBuf> = given.iter().map(|map| map.local.clone()).collect();
-    merging::refuse_one(&maps)?;
+    refuse_one(&maps)?;
     let called = |map: usize| given[map].given.clone();
     match sensors_at(&maps) {
         Sensors::Cameras => {}

@@ -3,6 +3,8 @@
 //! What is found of an image depends on the image alone, and at the end of a run all keyframes with depth have theirs:
 //! so the map is the same however far the thread came.
 
+pub(crate) mod described;
+
 use features::{SiftParams, codec, sift};
 use geometry::{GrayImage, Swap};
 use map::{Keyframe, KeyframeId, Map, SharedBytes};
