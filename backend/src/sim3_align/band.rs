@@ -67,18 +67,18 @@ pub(super) struct Grid {
 
 impl Band {
     /// From values each of which is the mean of a square of `side` pixels.
-    pub fn new((values, side): (Vec<f32>, usize), grey: &[f32], grid: &Grid) -> Self {
+    pub fn new((values, side): (Vec<f32>, usize), grey: &[u8], grid: &Grid) -> Self {
         let &Grid { width, cell, columns, rows } = grid;
         let first = |i: usize| [i % columns * cell, i / columns * cell];
         let moments = |i: usize| {
             let [x0, y0] = first(i);
             let (mut square, mut sum, mut count) = (0.0f64, 0.0f64, 0usize);
             for y in y0..y0 + cell {
-                for x in x0..x0 + cell {
-                    let value = f64::from(values[y * width + x]);
+                let row = y * width + x0..y * width + x0 + cell;
+                for (&value, &grey) in values[row.clone()].iter().zip(&grey[row]) {
                     if !value.is_nan() {
-                        square += value.powi(2);
-                        sum += f64::from(grey[y * width + x]);
+                        square += f64::from(value).powi(2);
+                        sum += f64::from(grey);
                         count += 1;
                     }
                 }
@@ -100,38 +100,59 @@ impl Band {
 }
 
 /// The image between the edges without its local mean; no number at edges and beside them.
-pub(super) fn grain(grey: &[f32], means: &[f32], width: usize, params: &GrainParams) -> Vec<f32> {
+pub(super) fn grain(grey: &[u8], means: &[f32], width: usize, params: &GrainParams) -> Vec<f32> {
+    let edges = edges(grey, means, width, params);
+    let near_edges = box_sums(&edges, width, params.margin);
+    let taken: Vec<u8> = near_edges.iter().map(|sum| u8::from(*sum == 0)).collect();
+    let kept: Vec<u8> = grey.iter().zip(&taken).map(|(value, taken)| value * taken).collect();
+    let means = |values: &[u8], radius: usize| box_means(values, width, radius);
+    let around = [means(&kept, params.radius), means(&taken, params.radius)];
+    let near = [means(&kept, params.blur), means(&taken, params.blur)];
+    let value = |i: usize| near[0][i] / near[1][i] - around[0][i] / around[1][i];
+    (0..grey.len()).map(|i| if taken[i] > 0 { value(i) } else { f32::NAN }).collect()
+}
+
+/// 1 where the image has the slope of an edge, else 0.
+fn edges(grey: &[u8], means: &[f32], width: usize, params: &GrainParams) -> Vec<u8> {
     let height = grey.len() / width;
-    let is_edge = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let slope =
-            |before: usize, after: usize, steps: usize| (grey[after] - grey[before]) / steps.max(1) as f32;
-        let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
+    let row = |y: usize| &grey[y * width..][..width];
+    let mut edges = Vec::with_capacity(grey.len());
+    for y in 0..height {
         let (top, bottom) = (y.saturating_sub(1), (y + 1).min(height - 1));
-        let along = slope(y * width + left, y * width + right, right - left);
-        let down = slope(top * width + x, bottom * width + x, bottom - top);
-        f64::from(along.hypot(down)) >= params.min_edge.max(params.edge * f64::from(means[i]))
-    };
-    let edges: Vec<f32> = (0..grey.len()).map(|i| f32::from(u8::from(is_edge(i)))).collect();
-    // A mean of so many zeros and ones: far from rounding.
-    let near = box_means(&edges, width, height, params.margin);
-    let taken: Vec<f32> = near.iter().map(|share| f32::from(u8::from(*share < 1e-5))).collect();
-    let share = box_means(&taken, width, height, params.radius);
-    let kept: Vec<f32> = grey.iter().zip(&taken).map(|(value, taken)| value * taken).collect();
-    let kept_means = box_means(&kept, width, height, params.radius);
-    let near_share = box_means(&taken, width, height, params.blur);
-    let near_means = box_means(&kept, width, height, params.blur);
-    let value = |i: usize| near_means[i] / near_share[i] - kept_means[i] / share[i];
-    (0..grey.len()).map(|i| if taken[i] > 0.0 { value(i) } else { f32::NAN }).collect()
+        let (here, above, below, means) = (row(y), row(top), row(bottom), &means[y * width..][..width]);
+        edges.extend((0..width).map(|x| {
+            let slope = |before: u8, after: u8, steps: usize| {
+                (f32::from(after) - f32::from(before)) / steps.max(1) as f32
+            };
+            let (left, right) = (x.saturating_sub(1), (x + 1).min(width - 1));
+            let along = slope(here[left], here[right], right - left);
+            let down = slope(above[x], below[x], bottom - top);
+            let least = params.min_edge.max(params.edge * f64::from(means[x]));
+            u8::from(is_longer([along, down], least))
+        }));
+    }
+    edges
+}
+
+/// Whether a slope is at least so large: `hypot`, which is asked only where its rounding may decide.
+fn is_longer([along, down]: [f32; 2], least: f64) -> bool {
+    const ROUNDING: f64 = 1e-6;
+    let squared = f64::from(along).powi(2) + f64::from(down).powi(2);
+    if (squared - least * least).abs() > ROUNDING * (squared + least * least) {
+        squared > least * least
+    } else {
+        f64::from(along.hypot(down)) >= least
+    }
 }
 
 /// The ratio of the eigenvalues of the structure tensor of a cell's band.
 fn roundness(band: &[f32], width: usize, [x0, y0]: [usize; 2], cell: usize) -> f64 {
     let (mut xx, mut xy, mut yy) = (0.0f64, 0.0f64, 0.0f64);
     for y in y0..y0 + cell - 1 {
-        for x in x0..x0 + cell - 1 {
-            let at = |x: usize, y: usize| f64::from(band[y * width + x]);
-            let (dx, dy) = (at(x + 1, y) - at(x, y), at(x, y + 1) - at(x, y));
+        let row = |y: usize| &band[y * width + x0..][..cell];
+        for (here, below) in row(y).windows(2).zip(row(y + 1)) {
+            let [value, right, below] = [here[0], here[1], *below].map(f64::from);
+            let (dx, dy) = (right - value, below - value);
             if !dx.is_nan() && !dy.is_nan() {
                 xx += dx * dx;
                 xy += dx * dy;
@@ -144,24 +165,61 @@ fn roundness(band: &[f32], width: usize, [x0, y0]: [usize; 2], cell: usize) -> f
 }
 
 /// The mean over the square of so many pixels to each side of each pixel, cut at the border.
-pub(super) fn box_means(values: &[f32], width: usize, height: usize, radius: usize) -> Vec<f32> {
-    let mut sums = vec![0.0f64; (width + 1) * (height + 1)];
-    for y in 0..height {
-        let mut row = 0.0;
-        for x in 0..width {
-            row += f64::from(values[y * width + x]);
-            sums[(y + 1) * (width + 1) + x + 1] = sums[y * (width + 1) + x + 1] + row;
+pub(super) fn box_means(values: &[u8], width: usize, radius: usize) -> Vec<f32> {
+    let height = values.len() / width;
+    let within = |at: usize, size: usize| (at + radius + 1).min(size) - at.saturating_sub(radius);
+    let columns: Vec<f32> = (0..width).map(|x| within(x, width) as f32).collect();
+    let mut means = Vec::with_capacity(values.len());
+    for (y, sums) in box_sums(values, width, radius).chunks_exact(width).enumerate() {
+        let rows = within(y, height) as f32;
+        // All are whole numbers that a float holds, so that the quotient is rounded once.
+        means.extend(sums.iter().zip(&columns).map(|(sum, columns)| *sum as f32 / (rows * columns)));
+    }
+    means
+}
+
+/// The sum over that square.
+fn box_sums(values: &[u8], width: usize, radius: usize) -> Vec<i32> {
+    let mut sums = vec![0; values.len()];
+    add_squares(values, width, radius, &mut sums);
+    sums
+}
+
+geometry::multiversion! {
+    /// Adds up columns from row to row, then these along each row.
+    fn add_squares(values: &[u8], width: usize, radius: usize, sums: &mut [i32]) -> () {
+        let height = values.len() / width;
+        let row = |y: usize| &values[y * width..][..width];
+        let mut columns = vec![0i32; width];
+        for y in 0..radius.min(height) {
+            columns.iter_mut().zip(row(y)).for_each(|(sum, value)| *sum += i32::from(*value));
+        }
+        // Sums of all columns before each.
+        let mut before = vec![0i32; width + 1];
+        for y in 0..height {
+            if y + radius < height {
+                columns.iter_mut().zip(row(y + radius)).for_each(|(sum, value)| *sum += i32::from(*value));
+            }
+            if y > radius {
+                let gone = row(y - radius - 1);
+                columns.iter_mut().zip(gone).for_each(|(sum, value)| *sum -= i32::from(*value));
+            }
+            let mut sum = 0;
+            for (column, before) in columns.iter().zip(&mut before[1..]) {
+                sum += column;
+                *before = sum;
+            }
+            let sums = &mut sums[y * width..][..width];
+            let at = |x: usize| before[(x + radius + 1).min(width)] - before[x.saturating_sub(radius)];
+            let inner = radius..width.saturating_sub(radius);
+            for x in (0..width).filter(|x| !inner.contains(x)) {
+                sums[x] = at(x);
+            }
+            if let (Some(sums), Some(ends)) = (sums.get_mut(inner), before.get(2 * radius + 1..)) {
+                sums.iter_mut().zip(ends).zip(&before).for_each(|((sum, end), start)| *sum = end - start);
+            }
         }
     }
-    let mean = |i: usize| {
-        let (x, y) = (i % width, i / width);
-        let (left, right) = (x.saturating_sub(radius), (x + radius + 1).min(width));
-        let (top, bottom) = (y.saturating_sub(radius), (y + radius + 1).min(height));
-        let at = |x: usize, y: usize| sums[y * (width + 1) + x];
-        let sum = at(right, bottom) - at(left, bottom) - at(right, top) + at(left, top);
-        (sum / ((right - left) * (bottom - top)) as f64) as f32
-    };
-    (0..width * height).map(mean).collect()
 }
 
 #[cfg(test)]
@@ -170,11 +228,11 @@ mod tests {
 
     #[test]
     fn means_are_over_the_square() {
-        let values: Vec<f32> = (0..35).map(|i| ((i * 37) % 11) as f32).collect();
-        let means = box_means(&values, 7, 5, 2);
+        let values: Vec<u8> = (0..35).map(|i| ((i * 37) % 11) as u8).collect();
+        let means = box_means(&values, 7, 2);
         for (i, mean) in means.iter().enumerate() {
             let near = |j: &usize| (j % 7).abs_diff(i % 7) <= 2 && (j / 7).abs_diff(i / 7) <= 2;
-            let around: Vec<f32> = (0..35).filter(near).map(|j| values[j]).collect();
+            let around: Vec<f32> = (0..35).filter(near).map(|j| f32::from(values[j])).collect();
             assert!((mean - around.iter().sum::<f32>() / around.len() as f32).abs() < 1e-5);
         }
     }
@@ -186,8 +244,9 @@ mod tests {
         let noise = |i: usize| 3.0 * ((((i * 7919) % 101) as f32 / 50.0) - 1.0);
         let step = |i: usize| if i % width < 17 { 0.0 } else { 60.0 };
         let found = |with: f32, params: &GrainParams| {
-            let grey: Vec<f32> = (0..width * height).map(|i| 100.0 + noise(i) + with * step(i)).collect();
-            let means = box_means(&grey, width, height, 4);
+            let grey = |i: usize| (100.0 + noise(i) + with * step(i)).round() as u8;
+            let grey: Vec<u8> = (0..width * height).map(grey).collect();
+            let means = box_means(&grey, width, 4);
             grain(&grey, &means, width, params)
         };
         let (usual, narrow) = (GrainParams::default(), GrainParams { radius: 3, ..GrainParams::default() });

@@ -104,7 +104,7 @@ impl KeyframeView {
             let from = cell + all / 2 + (cell * 7919) % (all / 3).max(1);
             let there = (0..all / 3).map(|step| (from + step) % all).find(is_like)?;
             let [x, y] = other.middle(there);
-            let patch = patch(own.cell, params.radius, |dx, dy| value(other, layer, [x + dx, y + dy]))?;
+            let patch = patch(other, layer, own.cell + 2 * params.radius, |dx, dy| [x + dx, y + dy])?;
             Some([own_band.contrasts[cell], best_correlation(own, layer, cell, &patch, params.radius)?])
         };
         (0..own.planes.len()).filter_map(found).collect()
@@ -154,36 +154,42 @@ fn footprint_patch(
     params: &CellParams,
 ) -> Option<Vec<f32>> {
     let Footprint { middle, along: [along, down], .. } = footprint;
-    patch(own.cell, params.radius, |dx, dy| {
-        value(other, layer, [0, 1].map(|axis| middle[axis] + along[axis] * dx + down[axis] * dy))
+    patch(other, layer, own.cell + 2 * params.radius, |dx, dy| {
+        [0, 1].map(|axis| middle[axis] + along[axis] * dx + down[axis] * dy)
     })
 }
 
-/// A square of a cell's side and a margin, filled by offsets from its middle, with [`LANES`] values behind it.
-fn patch(cell: usize, radius: usize, at: impl Fn(f64, f64) -> Option<f32>) -> Option<Vec<f32>> {
-    let side = cell + 2 * radius;
-    let half = 0.5 * (side as f64 - 1.0);
-    let values = (0..side * side).map(|i| at((i % side) as f64 - half, (i / side) as f64 - half));
-    // So that shifts beyond the last can be read, which nobody uses.
-    values.chain(std::iter::repeat_n(Some(0.0), LANES)).collect()
-}
-
-/// The band between pixels; nothing outside the image, and no number where a pixel around has none.
-fn value(surface: &Surface, layer: Layer, [x, y]: [f64; 2]) -> Option<f32> {
+/// A square of so many pixels of a band between its pixels, with [`LANES`] values behind it; nothing where it leaves the image, and no number
+/// where a pixel around has none. `at` is the pixel by the offset from the square's middle, an affine function of it.
+fn patch(
+    surface: &Surface,
+    layer: Layer,
+    side: usize,
+    at: impl Fn(f64, f64) -> [f64; 2],
+) -> Option<Vec<f32>> {
     let (width, height) = (surface.width(), surface.camera.height);
-    let inside = x >= 0.0 && y >= 0.0 && x < (width - 1) as f64 && y < (height - 1) as f64;
-    if !inside {
+    let half = 0.5 * (side as f64 - 1.0);
+    let is_inside =
+        |[x, y]: [f64; 2]| x >= 0.0 && y >= 0.0 && x < (width - 1) as f64 && y < (height - 1) as f64;
+    // An affine square is inside where its corners are.
+    let corners = [(-half, -half), (half, -half), (-half, half), (half, half)];
+    if !corners.iter().all(|&(dx, dy)| is_inside(at(dx, dy))) {
         return None;
     }
-    let (left, top) = (x as usize, y as usize);
-    let (dx, dy) = ((x - left as f64) as f32, (y - top as f64) as f32);
-    let band = &surface.band(layer).values;
-    let row = |y: usize| {
-        let at = y * width + left;
-        band[at] + dx * (band[at + 1] - band[at])
+    let band = &surface.band(layer).values[..];
+    let value = |i: usize| {
+        let [x, y] = at((i % side) as f64 - half, (i / side) as f64 - half);
+        let (left, top) = (x as usize, y as usize);
+        let (dx, dy) = ((x - left as f64) as f32, (y - top as f64) as f32);
+        let row = |y: usize| {
+            let at = y * width + left;
+            band[at] + dx * (band[at + 1] - band[at])
+        };
+        let above = row(top);
+        above + dy * (row(top + 1) - above)
     };
-    let above = row(top);
-    Some(above + dy * (row(top + 1) - above))
+    // So that shifts beyond the last can be read, which nobody uses.
+    Some((0..side * side).map(value).chain(std::iter::repeat_n(0.0, LANES)).collect())
 }
 
 /// The largest correlation of a cell's band with a patch around it, between whole pixels by a parabola; nothing where too few pixels
@@ -191,19 +197,16 @@ fn value(surface: &Surface, layer: Layer, [x, y]: [f64; 2]) -> Option<f32> {
 fn best_correlation(own: &Surface, layer: Layer, cell: usize, patch: &[f32], radius: usize) -> Option<f64> {
     let (size, side) = (own.cell, own.cell + 2 * radius);
     let first = cell / own.columns * size * own.width() + cell % own.columns * size;
-    let rows = |y: usize| &own.band(layer).values[first + y * own.width()..][..size];
+    let band = &own.band(layer).values[first..];
+    let add_up = match layer {
+        Layer::Pattern => sums_of_all,
+        Layer::Grain => sums_of_numbers,
+    };
     let shifts = 2 * radius + 1;
     // Some shifts to the side at a time.
     let correlations = |at: usize| -> Option<Vec<f64>> {
         let (sy, sx) = (at / shifts, at % shifts);
-        let mut sums = Sums::default();
-        for y in 0..size {
-            let there = &patch[(y + sy) * side + sx..][..size + LANES];
-            rows(y)
-                .iter()
-                .zip(there.windows(LANES))
-                .for_each(|(a, b)| sums.add(*a, b.first_chunk().expect("as wide")));
-        }
+        let sums = add_up(band, own.width(), size, &patch[sy * side + sx..], side);
         let of_shift = |lane: usize| {
             (sums.count[lane] >= MIN_SHARE * (size * size) as f32).then(|| sums.correlation(lane))
         };
@@ -212,6 +215,45 @@ fn best_correlation(own: &Surface, layer: Layer, cell: usize, patch: &[f32], rad
     let starts = (0..shifts).flat_map(|sy| (0..shifts).step_by(LANES).map(move |sx| sy * shifts + sx));
     let all: Vec<f64> = starts.map(correlations).collect::<Option<Vec<_>>>()?.concat();
     (0..all.len()).max_by(|&a, &b| all[a].total_cmp(&all[b])).map(|best| peak(&all, shifts, best))
+}
+
+geometry::multiversion! {
+    /// Sums over a cell of `size` rows and columns of a band that is `width` wide and begins with it, and a patch whose rows are `side` long.
+    /// Values without a number count nothing.
+    fn sums_of_numbers(band: &[f32], width: usize, size: usize, patch: &[f32], side: usize) -> Sums {
+        let mut sums = Sums::default();
+        for y in 0..size {
+            let there = patch[y * side..][..size + LANES].windows(LANES);
+            for (a, there) in band[y * width..][..size].iter().zip(there) {
+                sums.add(*a, there.first_chunk().expect("as wide"));
+            }
+        }
+        sums
+    }
+}
+
+geometry::multiversion! {
+    /// [`sums_of_numbers`] where all values are numbers: the sums over the band are the same at all shifts.
+    fn sums_of_all(band: &[f32], width: usize, size: usize, patch: &[f32], side: usize) -> Sums {
+        let mut sums = Sums::default();
+        let (mut sum, mut square) = (0.0, 0.0);
+        for y in 0..size {
+            let there = patch[y * side..][..size + LANES].windows(LANES);
+            for (&a, there) in band[y * width..][..size].iter().zip(there) {
+                let there: &[f32; LANES] = there.first_chunk().expect("as wide");
+                sum += a;
+                square += a * a;
+                for (lane, &b) in there.iter().enumerate() {
+                    sums.sum[1][lane] += b;
+                    sums.square[1][lane] += b * b;
+                    sums.product[lane] += a * b;
+                }
+            }
+        }
+        sums.count = [(size * size) as f32; LANES];
+        (sums.sum[0], sums.square[0]) = ([sum; LANES], [square; LANES]);
+        sums
+    }
 }
 
 /// Sums over pairs of values for each of some shifts; those without a number count nothing. Lane by lane, so that processors add several
@@ -225,7 +267,7 @@ struct Sums {
 }
 
 impl Sums {
-    #[inline]
+    #[inline(always)]
     fn add(&mut self, a: f32, there: &[f32; LANES]) {
         for (lane, &b) in there.iter().enumerate() {
             let product = a * b;

@@ -73,11 +73,11 @@ impl Surface {
         let (width, height) = (image.width(), image.height());
         let cell = width.div_ceil(params.columns.max(1)).max(4);
         let (columns, rows) = (width / cell, height / cell);
-        let grey: Vec<f32> = image.data().iter().map(|&v| f32::from(v)).collect();
+        let grey = image.data();
         let radius = ((params.band * cell as f64).round() as usize).max(1);
-        let means = box_means(&grey, width, height, radius);
-        let band = grey.iter().zip(&means).map(|(v, mean)| v - mean).collect();
-        let grain = grain(&grey, &means, width, &params.grain);
+        let means = box_means(grey, width, radius);
+        let band = grey.iter().zip(&means).map(|(v, mean)| f32::from(*v) - mean).collect();
+        let grain = grain(grey, &means, width, &params.grain);
         let points = points_of(&depths[level], cell, columns, rows);
         let planes = (0..rows * columns)
             .map(|i| plane(&points, [i % columns, i / columns], [cell, columns, rows], params));
@@ -90,8 +90,8 @@ impl Surface {
             columns,
             rows,
             planes,
-            pattern: Band::new((band, 1), &grey, &grid),
-            grain: Band::new((grain, 2 * params.grain.blur + 1), &grey, &grid),
+            pattern: Band::new((band, 1), grey, &grid),
+            grain: Band::new((grain, 2 * params.grain.blur + 1), grey, &grid),
         }
     }
 
@@ -160,8 +160,9 @@ fn plane(
 ) -> Option<Plane> {
     let half = 0.5 * (cell as f64 - 1.0);
     let middle = [(column * cell) as f64 + half, (row * cell) as f64 + half];
+    let mut around: Vec<Depth> = Vec::new();
     for reach in 0..=params.reach {
-        let mut around: Vec<Depth> = Vec::new();
+        around.clear();
         for y in row.saturating_sub(reach)..(row + reach + 1).min(rows) {
             for x in column.saturating_sub(reach)..(column + reach + 1).min(columns) {
                 around.extend(&points[y * columns + x]);
@@ -190,16 +191,19 @@ fn fit(points: &[Depth], [x0, y0]: [f64; 2], params: &SurfaceParams) -> Option<P
     let off = |plane: &Vector3<f64>, [x, y, d, _]: &Depth| d - plane.dot(&Vector3::new(1.0, x - x0, y - y0));
     let mut plane: Option<Vector3<f64>> = None;
     for _ in 0..4 {
-        let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+        // Of the symmetric matrix of the normal equations, the upper half by rows.
+        let (mut normal, mut right) = ([0.0; 6], Vector3::zeros());
         for point in points {
-            let row = Vector3::new(1.0, point[0] - x0, point[1] - y0);
-            let outlying = plane.map_or(0.0, |plane| off(&plane, point).abs() / limit(point));
+            let (x, y, limit) = (point[0] - x0, point[1] - y0, limit(point));
+            let outlying = plane.map_or(0.0, |plane| off(&plane, point).abs() / limit);
             // Cauchy's weights: redescending.
-            let weight = 1.0 / (limit(point).powi(2) * (1.0 + (2.0 * outlying).powi(2)));
-            normal += row * row.transpose() * weight;
-            right += row * (weight * point[2]);
+            let weight = 1.0 / (limit.powi(2) * (1.0 + (2.0 * outlying).powi(2)));
+            let products = [1.0, x, y, x * x, x * y, y * y];
+            normal.iter_mut().zip(products).for_each(|(sum, product)| *sum += product * weight);
+            right += Vector3::new(1.0, x, y) * (weight * point[2]);
         }
-        plane = Some(normal.try_inverse()? * right);
+        let [a, b, c, d, e, f] = normal;
+        plane = Some(Matrix3::new(a, b, c, b, d, e, c, e, f).try_inverse()? * right);
     }
     let plane = plane?;
     let inside = points.iter().filter(|point| off(&plane, point).abs() <= limit(point)).count();

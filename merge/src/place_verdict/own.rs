@@ -28,7 +28,7 @@ pub(super) struct Looked {
 impl Looked {
     /// By where the other is.
     pub fn at(map: &PreparedMap, id: KeyframeId, keyframe_from_other: &Sim3) -> Option<Self> {
-        Some(Self { id, aside: aside(map, id, keyframe_from_other)? })
+        Some(Self { id, aside: aside(depth(map, id)?, keyframe_from_other) })
     }
 }
 
@@ -141,10 +141,15 @@ fn is_wear(cell: &CellMatch, params: &PlaceParams) -> bool {
     cell.contrast <= params.max_wear_contrast && cell.roundness >= params.min_wear_roundness
 }
 
-/// How far aside another camera is from a keyframe and how far it is turned: the angle that what is seen moves by, radians.
-fn aside(map: &PreparedMap, id: KeyframeId, keyframe_from_other: &Sim3) -> Option<f64> {
-    let depth = map.map().keyframes.get(&id)?.semi_dense.median_depth()?;
-    Some(keyframe_from_other.translation.norm() / depth + keyframe_from_other.rotation.angle())
+/// How far aside another camera is from a keyframe of this median depth and how far it is turned: the angle that what is seen moves by,
+/// radians.
+fn aside(depth: f64, keyframe_from_other: &Sim3) -> f64 {
+    keyframe_from_other.translation.norm() / depth + keyframe_from_other.rotation.angle()
+}
+
+/// The median depth of a keyframe, in its unit.
+fn depth(map: &PreparedMap, id: KeyframeId) -> Option<f64> {
+    map.map().keyframes.get(&id)?.semi_dense.median_depth()
 }
 
 fn relative(map: &PreparedMap, i: KeyframeId, j: KeyframeId) -> Option<Sim3> {
@@ -154,7 +159,8 @@ fn relative(map: &PreparedMap, i: KeyframeId, j: KeyframeId) -> Option<Sim3> {
 /// Those of the keyframes around one that are as far aside, by how nearly; none where all are nearer.
 fn partners(map: &PreparedMap, looked: Looked) -> Vec<KeyframeId> {
     let i = looked.id;
-    let of = |j: KeyframeId| Some((aside(map, i, &relative(map, j, i)?)?, j));
+    let Some(depth) = depth(map, i) else { return Vec::new() };
+    let of = |j: KeyframeId| Some((aside(depth, &relative(map, j, i)?), j));
     let others = map.around(i, AROUND).into_iter().filter(|j| *j != i);
     let mut others: Vec<(f64, KeyframeId)> = others.filter_map(of).collect();
     let off = |(aside, _): &(f64, KeyframeId)| (aside - looked.aside).abs();
