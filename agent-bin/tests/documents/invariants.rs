@@ -94,7 +94,7 @@ fn imports() -> BTreeMap<String, BTreeSet<String>> {
 }
 
 #[test]
-fn rooms_of_the_library_import_one_way() {
+fn imports_between_rooms_of_the_library_have_no_circle() {
     let mut left = imports();
     assert!(left["run"].contains("merging") && left["merging"].contains("lidar"), "{left:?}");
     // Rooms that import none that is left can be taken away, down to the last one.

@@ -130,7 +130,7 @@ mod tests {
 
     /// An error is one of the other map's frame: how far apart the worlds lie does not count.
     #[test]
-    fn errors_count_alike_wherever_the_maps_lie() {
+    fn errors_count_the_same_wherever_the_maps_lie() {
         let slightly = Se3::exp(&Vector6::new(0.01, 0.0, 0.0, 0.0, 0.0, 0.002));
         let weights = [1.0, 1000.0].map(|apart| {
             let away = Se3::exp(&Vector6::new(apart, 0.0, 0.0, 0.0, 0.0, 0.0));
