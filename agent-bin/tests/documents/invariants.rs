@@ -25,14 +25,19 @@ fn uses(folder: &Path, words: &[&str]) -> Vec<String> {
         if path.is_dir() {
             found.extend(uses(&path, words));
         } else if path.extension().is_some_and(|ending| ending == "rs") {
-            let text = fs::read_to_string(&path).expect("it is text");
-            let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
-            let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
-            let named = lines.filter(|line| words.iter().any(|word| line.contains(word)));
-            found.extend(named.map(|line| format!("{}: {}", path.display(), line.trim())));
+            found.extend(uses_of_file(&path, words));
         }
     }
     found
+}
+
+/// The same of a file.
+fn uses_of_file(path: &Path, words: &[&str]) -> Vec<String> {
+    let text = fs::read_to_string(path).expect("it is text");
+    let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+    let lines = code.lines().filter(|line| !line.trim_start().starts_with("//"));
+    let named = lines.filter(|line| words.iter().any(|word| line.contains(word)));
+    named.map(|line| format!("{}: {}", path.display(), line.trim())).collect()
 }
 
 #[test]
@@ -81,9 +86,8 @@ fn imports() -> BTreeMap<String, BTreeSet<String>> {
     let of_room = |room: &String| {
         let (file, folder) = (sources.join(format!("{room}.rs")), sources.join(room));
         let mut lines = if folder.is_dir() { uses(&folder, &["crate::"]) } else { Vec::new() };
-        if let Ok(text) = fs::read_to_string(file) {
-            let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
-            lines.extend(code.lines().map(str::to_owned));
+        if file.is_file() {
+            lines.extend(uses_of_file(&file, &["crate::"]));
         }
         let named = |other: &&String| {
             *other != room && lines.iter().any(|line| line.contains(&format!("crate::{other}::")))

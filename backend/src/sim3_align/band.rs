@@ -178,16 +178,10 @@ pub(super) fn box_means(values: &[u8], width: usize, radius: usize) -> Vec<f32> 
     means
 }
 
-/// The sum over that square.
-fn box_sums(values: &[u8], width: usize, radius: usize) -> Vec<i32> {
-    let mut sums = vec![0; values.len()];
-    add_squares(values, width, radius, &mut sums);
-    sums
-}
-
 geometry::multiversion! {
-    /// Adds up columns from row to row, then these along each row.
-    fn add_squares(values: &[u8], width: usize, radius: usize, sums: &mut [i32]) -> () {
+    /// The sum over that square: of columns from row to row, then of these along each row.
+    fn box_sums(values: &[u8], width: usize, radius: usize) -> Vec<i32> {
+        let mut sums = vec![0; values.len()];
         let height = values.len() / width;
         let row = |y: usize| &values[y * width..][..width];
         let mut columns = vec![0i32; width];
@@ -219,6 +213,7 @@ geometry::multiversion! {
                 sums.iter_mut().zip(ends).zip(&before).for_each(|((sum, end), start)| *sum = end - start);
             }
         }
+        sums
     }
 }
 

@@ -1,7 +1,7 @@
 //! Maps whose scale is known, LiDARs', in one frame (EMR-FLOAM, §4, map-merge graph): the merges of the maximum spanning tree for the
 //! start, all of them for the result.
 
-use super::{Merge, MergeGraph, MergeId};
+use super::{Merge, MergeGraph};
 use crate::estimate::Estimate;
 use backend::posegraph::{PoseGraphParams, evaluate_edge, optimise_with_known_scales};
 use geometry::{Se3, Sim3};
@@ -39,12 +39,7 @@ pub const DEVIATION: (f64, f64) = (0.02, 0.002);
 /// Joins `count` maps, 65,535 at most, by merges between them; a merge of maps out of range, of one map with itself, or without a finite pose or a
 /// positive trust does not count.
 pub fn joined(count: usize, merges: &[RigidMerge]) -> Joined {
-    let mut graph = MergeGraph::new();
-    for map in 0..count {
-        graph.add_agent(agent(map));
-    }
-    let accepted: Vec<Option<MergeId>> =
-        merges.iter().map(|merge| graph.add_merge(in_graph(merge)).ok()).collect();
+    let (graph, is_accepted) = graph_of(count, merges);
     let (mut root, mut nodes) = ((0..count).collect::<Vec<_>>(), BTreeMap::new());
     for component in graph.components() {
         for (agent, placement) in component.agents {
@@ -58,14 +53,27 @@ pub fn joined(count: usize, merges: &[RigidMerge]) -> Joined {
     let params = PoseGraphParams::default();
     // Where it cannot be optimised the maps stay where the tree puts them.
     let _ = optimise_with_known_scales(&mut nodes, &edges, &fixed, &known_scale, &params);
-    let weight = |edge: &Edge| {
+    let weight = |(merge, is_accepted): (&RigidMerge, &bool)| {
+        if !is_accepted {
+            return 1.0;
+        }
+        let edge = edge(&in_graph(merge));
         let [from, to] = [edge.from, edge.to].map(|id| nodes[&id].inverse());
         let residual = evaluate_edge(&from, &to, &edge.from_from_to).residual;
         params.merge.weight(residual.dot(&(edge.information * residual)))
     };
-    let mut of_accepted = edges.iter().map(weight);
-    let weights = accepted.iter().map(|id| id.and_then(|_| of_accepted.next()).unwrap_or(1.0)).collect();
+    let weights = merges.iter().zip(&is_accepted).map(weight).collect();
     Joined { root, root_from_map: nodes.values().map(Sim3::rigid).collect(), weights }
+}
+
+/// The graph of maps and merges, and which of these may stand in it.
+fn graph_of(count: usize, merges: &[RigidMerge]) -> (MergeGraph, Vec<bool>) {
+    let mut graph = MergeGraph::new();
+    for map in 0..count {
+        graph.add_agent(agent(map));
+    }
+    let is_accepted = merges.iter().map(|merge| graph.add_merge(in_graph(merge)).is_ok()).collect();
+    (graph, is_accepted)
 }
 
 fn agent(map: usize) -> AgentId {
@@ -112,6 +120,11 @@ mod tests {
         RigidMerge { from, to, from_from_to: pose(from).inverse() * pose(to), trust }
     }
 
+    /// Merges of the spanning tree.
+    fn tree(count: usize, merges: &[RigidMerge]) -> usize {
+        graph_of(count, merges).0.components().iter().map(|component| component.tree.len()).sum()
+    }
+
     #[test]
     fn a_trusted_but_wrong_merge_is_outvoted_by_the_cycles() {
         let mut merges: Vec<RigidMerge> =
@@ -119,6 +132,7 @@ mod tests {
         let wrong = Se3::exp(&Vector6::new(0.5, 0.0, 0.0, 0.0, 0.0, 0.0)) * exact(3, 0, 1.0).from_from_to;
         merges.push(RigidMerge { from: 3, to: 0, from_from_to: wrong, trust: 9.0 });
         let found = joined(5, &merges);
+        assert_eq!(tree(5, &merges), 3);
         assert_eq!(found.root, [0, 0, 0, 0, 4]);
         for map in 0..4 {
             let error = (pose(0).inverse() * pose(map)).inverse() * found.root_from_map[map];
@@ -147,5 +161,6 @@ mod tests {
         let merges = [exact(0, 7, 1.0), exact(1, 1, 1.0), exact(0, 1, f64::NAN)];
         let found = joined(2, &merges);
         assert_eq!((found.root, found.weights), (vec![0, 1], vec![1.0; 3]));
+        assert_eq!(tree(2, &merges), 0);
     }
 }

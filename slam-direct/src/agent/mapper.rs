@@ -16,7 +16,7 @@ use crate::params::Params;
 use crate::publish;
 use geometry::sensor::Twist;
 use geometry::{Pinhole, Swap};
-use map::{Edge, EdgeKind, KeyframeId, Map, MapDelta, PlaceIndex, SemiDense, Settled};
+use map::{Edge, EdgeKind, KeyframeId, MapDelta, PlaceIndex, SemiDense, Settled};
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
@@ -107,9 +107,9 @@ impl Mapper {
         Self { local, places, closer, depth_tasks, calibrate_again: None, evaluated: 0, barren: 0 }
     }
 
-    /// A mapper that goes on in a map: `local` is the working form of `map`.
-    pub fn resume(local: LocalMap, places: Box<dyn PlaceIndex>, map: &Map) -> Self {
-        let closed = map.edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).cloned().collect();
+    /// A mapper that goes on in a map: `local` is the working form of one with these edges.
+    pub fn resume(local: LocalMap, places: Box<dyn PlaceIndex>, edges: &[Edge]) -> Self {
+        let closed = edges.iter().filter(|edge| edge.kind == EdgeKind::Loop).cloned().collect();
         let (closer, depth_tasks) = (LoopCloser::of(closed), DepthTasks::from(local.keyframes.len()));
         Self { local, places, closer, depth_tasks, calibrate_again: None, evaluated: PROBATION, barren: 0 }
     }

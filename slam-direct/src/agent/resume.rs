@@ -82,8 +82,10 @@ impl Agent {
         };
         let tracker = Tracker::new(&local, reference, last, Se3::identity(), &agent.params).seeking();
         agent.state = State::Running(Box::new(tracker));
-        let mapper =
-            agent.mapper.take().map(|fresh| Box::new(Mapper::resume(local.clone(), fresh.places, &map)));
+        let mapper = agent
+            .mapper
+            .take()
+            .map(|fresh| Box::new(Mapper::resume(local.clone(), fresh.places, &map.edges)));
         agent.first_open = local.keyframes.len();
         agent.closed = mapper.as_ref().map_or(Vec::new(), |mapper| mapper.closed().to_vec());
         agent.mapper = mapper;

@@ -1,8 +1,7 @@
 //! Maps of LiDARs to be merged, each agent's own, and the files that they came from.
 
 use crate::common_map::manifest::ManifestMap;
-use crate::common_map::names::name_of;
-use crate::common_map::names::untaken;
+use crate::common_map::names::{name_of, untaken};
 use crate::lidar::convert::keyframes;
 use crate::results::digest::MapDigest;
 use anyhow::{Context, Result, bail};
