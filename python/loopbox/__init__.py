@@ -179,14 +179,15 @@ def merge(
 ) -> MergeResult:
     """Merges maps, each a map.mcap or the folder of a run, and writes the common map into the folder `out`.
 
-    Pairs that have a verdict in `verdicts`, a folder or the URI of a bucket, are not looked at again, and those of others are kept there.
+    Pairs that have a verdict in `verdicts`, a folder or the URI of a bucket, are not looked at again, and those of others are kept there;
+    where none is named, it is the folder `verdicts` in `out`.
     `confirm` names pairs of agents as "A+B" of which you know that both maps show one place, whatever looks otherwise. An
     `executor` (a process pool, Dask's `client.get_executor()`, any `concurrent.futures.Executor`) judges pairs beside each other; its workers
-    share the folder of verdicts, which is `out` with `-verdicts` behind it where none is named.
+    share the folder of verdicts.
     """
     maps = list(maps)
     if executor is not None:
-        verdicts = f"{os.fspath(out)}-verdicts" if verdicts is None else verdicts
+        verdicts = Path(out) / "verdicts" if verdicts is None else verdicts
         # Where a worker dies or a pair cannot be judged, that is said after all others are kept.
         judged = [executor.submit(_judge, a, b, os.fspath(verdicts)) for a, b, _ in _loopbox.propose(maps)]
         _all(judged)

@@ -18,8 +18,8 @@ def test_verdicts_of_a_pool_of_processes_give_the_same_map(runs, tmp_path):
         shared = loopbox.merge(folders, tmp_path / "shared", executor=pool)
     assert (tmp_path / "shared/map.mcap").read_bytes() == (tmp_path / "alone/map.mcap").read_bytes()
     assert shared.met and shared.verdict == alone.verdict
-    kept = content(tmp_path / "shared-verdicts")
-    assert len(kept) == 1
+    kept = content(tmp_path / "shared/verdicts")
+    assert len(kept) == 1 and content(tmp_path / "alone/verdicts") == kept
     found = loopbox.verdict(folders[1], folders[0], verdicts=tmp_path / "again")
     assert found.joined and "accepted" in found.text and found.encounters[0]["accepted"]
     assert content(tmp_path / "again") == kept

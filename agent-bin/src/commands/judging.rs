@@ -31,11 +31,12 @@ pub struct JudgingArgs {
     #[command(flatten)]
     pub how: MethodArgs,
     /// Join these two agents, by their names in the verdict: you know that both maps show one place, whatever looks otherwise. That the
-    /// pose between them is right is still tested. With --verdicts it is kept; may be given again
+    /// pose between them is right is still tested. It is kept where verdicts are; may be given again
     #[arg(long, value_name = "A+B")]
     pub confirm: Vec<String>,
     /// Where verdicts are kept: a folder, or in a bucket s3://BUCKET/PREFIX, gs://… or az://…. Pairs that have one there are not looked at
-    /// again, and those of others are kept there. Several processes may share it
+    /// again, and those of others are kept there. Several processes may share it. Without it `loopbox merge` keeps them where a manifest
+    /// among the maps says, else in the folder `verdicts` in OUT, and `loopbox verdict` keeps none
     #[arg(long, value_name = "DIR")]
     pub verdicts: Option<PathBuf>,
 }

@@ -46,7 +46,7 @@ pub fn run(args: &mut MergeArgs) -> Result<()> {
     let confirm = args.judging.confirm.clone();
     let (out, without, map) = (args.out.clone(), args.without.clone(), !args.no_map);
     let options = MergeOptions { out, force: args.force, params, verdicts, confirm, without, map };
-    let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
+    let stop = stop_on_ctrl_c("stopping after this step; no map will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let merged = merge_maps_watched(&args.maps, options, &stop, &progress)?;
     progress.finish();

@@ -40,8 +40,7 @@ pub struct MergeArgs {
     /// Leave out these maps of a manifest, by their names: as if they had never been merged
     #[arg(long, value_name = "NAME")]
     pub(super) without: Vec<String>,
-    /// Write the manifest alone, of which maps, clouds, trajectories and the report are made when they are asked for. Verdicts are kept
-    /// beside it, unless --verdicts or a manifest among the maps says where
+    /// Write the manifest alone, of which maps, clouds, trajectories and the report are made when they are asked for
     #[arg(long, conflicts_with_all = ["extrinsic", "open"])]
     pub(super) no_map: bool,
     /// Print all numbers as JSON, as they are in merge.json, instead of the verdicts

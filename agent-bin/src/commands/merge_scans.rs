@@ -16,7 +16,7 @@ use loopbox::results::MANIFEST;
 /// When a map cannot be read or is not a LiDAR's, no two of the maps met, the results cannot be written, or the user
 /// ended it. Then nothing is written.
 pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
-    let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
+    let stop = stop_on_ctrl_c("stopping after this step; no map will be written (Ctrl-C again to abort)")?;
     let mut stage = |text: &str| console::step(args.quiet, text);
     let options = LidarMergeOptions {
         out: args.out.clone(),
@@ -45,7 +45,7 @@ pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
 /// # Errors
 /// As [`run`].
 pub fn run_mixed(args: &MergeArgs, options: &MixedOptions) -> Result<()> {
-    let stop = stop_on_ctrl_c("stopping after this step; nothing will be written (Ctrl-C again to abort)")?;
+    let stop = stop_on_ctrl_c("stopping after this step; no map will be written (Ctrl-C again to abort)")?;
     let progress = MergeProgress::new(args.quiet);
     let merged = merge_mixed(&args.maps, options, &stop, &progress)?;
     progress.finish();

@@ -60,7 +60,7 @@ fn a_truncated_map_is_used_as_far_as_it_is_whole() {
     assert!(!outcome.stderr.contains("panicked"), "{outcome:#?}");
     match outcome.code {
         Some(0) => assert!(case.out().join("map.mcap").is_file()),
-        _ => assert!(!case.out().exists(), "{:?}", case.results()),
+        _ => assert_eq!(case.results(), ["verdicts"]),
     }
 }
 

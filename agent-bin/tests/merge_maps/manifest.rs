@@ -112,6 +112,37 @@ fn a_manifest_grows_by_what_is_new() {
     assert_eq!(content(&two), content(&three));
 }
 
+/// A merge that writes a map keeps its verdicts too: repeated it looks at no pair, and grown by a map only at pairs with that.
+#[test]
+fn verdicts_are_kept_beside_a_map_as_beside_a_manifest_alone() {
+    let (runs, case) = (Runs::get(), Case::new());
+    let [left, right, elsewhere] = ["left", "right", "elsewhere"].map(|name| runs.run(name));
+    let looked = |outcome: &Outcome| {
+        let lines = outcome.stderr.lines().filter_map(|line| line.strip_prefix("looking where "));
+        lines.map(str::to_owned).collect::<Vec<_>>()
+    };
+    let maps: [&Path; 2] = [&left, &right];
+    let (both, outcome) = merge(&case, &maps, "both", &[]);
+    outcome.assert_success();
+    assert_eq!((looked(&outcome).len(), fs::read_dir(both.join("verdicts")).unwrap().count()), (1, 1));
+    let before = fs::read(both.join("map.mcap")).unwrap();
+    let (_, again) = merge(&case, &maps, "both", &[]);
+    again.assert_success();
+    assert!(looked(&again).is_empty(), "{again:#?}");
+    assert!(before == fs::read(both.join("map.mcap")).unwrap(), "another map");
+    let (_, grown) = merge(&case, &[&both.join("manifest.json"), &elsewhere], "grown", &[]);
+    grown.assert_success();
+    assert_eq!(looked(&grown), ["left and elsewhere met", "right and elsewhere met"]);
+    // What did not meet is not looked at again either.
+    let apart: [&Path; 2] = [&left, &elsewhere];
+    let (strangers, outcome) = merge(&case, &apart, "strangers", &[]);
+    outcome.assert_ended(3, &["no two of the maps met"]);
+    assert_eq!(fs::read_dir(&strangers).unwrap().count(), 1, "verdicts alone");
+    let (_, again) = merge(&case, &apart, "strangers", &[]);
+    again.assert_ended(3, &["no two of the maps met"]);
+    assert!(looked(&again).is_empty(), "{again:#?}");
+}
+
 #[test]
 fn a_map_that_is_left_out_leaves_nothing_behind() {
     let (runs, case) = (Runs::get(), Case::new());

@@ -27,6 +27,11 @@ impl FolderBlobs {
         Ok(Self { folder: folder.to_owned() })
     }
 
+    /// Those in `folder`, which is made once an object is put.
+    pub fn not_yet_at(folder: &Path) -> Self {
+        Self { folder: folder.to_owned() }
+    }
+
     /// The file of an object.
     fn file(&self, name: &str) -> PathBuf {
         self.folder.join(name)

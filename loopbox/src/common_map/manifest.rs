@@ -2,22 +2,26 @@
 //! are made of it when they are asked for; it grows by maps that are new, and leaving maps out undoes their merges.
 
 use super::opened::OpenedMap;
+use crate::blobs::FolderBlobs;
 use crate::describing::described::describe;
 use crate::results::digest::MapDigest;
 use crate::results::{MANIFEST, Owner, Results, keep_from, map_file_at};
+use crate::verdicts::Verdicts;
 use anyhow::{Context, Result, bail, ensure};
 use geometry::Swap;
 use merge::common_map::{Addresses, Arrangement, Fused, Numbers, Placed};
 use place_recog::Vocabulary;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use sources::Stop;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Component, Path, PathBuf};
+use std::sync::Arc;
 
 /// Goes up when older programs would misread it.
 const FORMAT: u32 = 1;
-/// Where verdicts are kept beside a manifest alone.
+/// Where verdicts are kept beside a manifest.
 const VERDICTS: &str = "verdicts";
 
 /// A common map, or several of maps that do not hang together.
@@ -30,7 +34,7 @@ pub struct Manifest {
     pub version: String,
     /// The maps, in the order in which they were merged.
     pub maps: Vec<ManifestMap>,
-    /// Where the verdicts on their pairs are kept: a folder, or the URI of a bucket.
+    /// Where the verdicts on their pairs are kept: a folder, or the URI of a bucket. Manifests of earlier versions may not say it.
     pub verdicts: Option<PathBuf>,
     /// A common map for each group of agents that hang together; the first is `map.mcap`.
     pub groups: Vec<Arrangement>,
@@ -64,7 +68,7 @@ impl Manifest {
     /// That of groups of these maps, which will lie in `folder`; `verdicts` on their pairs are kept there.
     pub(crate) fn new(
         maps: Vec<ManifestMap>,
-        verdicts: Option<&Path>,
+        verdicts: &Path,
         groups: Vec<Arrangement>,
         folder: &Path,
     ) -> Self {
@@ -73,7 +77,7 @@ impl Manifest {
             loopbox_manifest: FORMAT,
             version: env!("CARGO_PKG_VERSION").into(),
             maps: maps.into_iter().map(map).collect(),
-            verdicts: verdicts.map(|verdicts| relative(verdicts, folder)),
+            verdicts: Some(relative(verdicts, folder)),
             groups,
         }
     }
@@ -178,6 +182,13 @@ pub(crate) fn begin(
     Ok((given, Results::create(folder, &Owner::Merge, force)?))
 }
 
+/// # Errors
+/// When `stop` was wished.
+pub(crate) fn go_on(stop: &Stop) -> Result<()> {
+    ensure!(!stop.requested(), "interrupted: no map was written; the verdicts so far are kept");
+    Ok(())
+}
+
 /// Refuses one map alone.
 pub(crate) fn refuse_one(paths: &[PathBuf]) -> Result<()> {
     let [map] = paths else { return Ok(()) };
@@ -235,10 +246,18 @@ impl Given {
         }
     }
 
-    /// Where verdicts are kept: where it is `named`, else where a manifest says, else beside a manifest that is written `alone` to a folder.
-    pub fn verdicts_at(&self, named: Option<&Path>, alone: Option<&Path>) -> Option<PathBuf> {
-        let beside = || alone.map(|folder| folder.join(VERDICTS));
-        named.map(Path::to_owned).or_else(|| self.verdicts.clone()).or_else(beside)
+    /// Where verdicts are kept, and those that are: where it is `named`, else where a manifest says, else beside the manifest that is
+    /// written to `folder`.
+    ///
+    /// # Errors
+    /// When a place that is named cannot be used.
+    pub fn verdicts(&self, named: Option<&Path>, folder: &Path) -> Result<(PathBuf, Verdicts)> {
+        if let Some(place) = named.or(self.verdicts.as_deref()) {
+            return Ok((place.to_owned(), Verdicts::at(place)?));
+        }
+        let beside = folder.join(VERDICTS);
+        let verdicts = Verdicts::among(Arc::new(FolderBlobs::not_yet_at(&beside)));
+        Ok((beside, verdicts))
     }
 
     /// Puts the keyframes of groups that a manifest has where it has them: the same agents with the same closures, of the same

@@ -9,7 +9,7 @@ use super::record::LidarRecord;
 use super::report;
 use super::run::{Event, LidarRun, RunOptions, run};
 use crate::common_map::groups::{GroupMap, write_groups};
-use crate::common_map::manifest::{Manifest, begin};
+use crate::common_map::manifest::{Manifest, begin, go_on};
 use crate::common_map::names::Names;
 use crate::lidar::merging::verdicts::LidarVerdicts;
 use crate::listeners::Listeners;
@@ -17,7 +17,7 @@ use crate::open::{open_map, recording_name};
 use crate::results::digest::agent_digests;
 use crate::results::file_names::numbered;
 use crate::results::{Owner, Results};
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use map::{AgentId, AgentInfo, CloudSelection, DEFAULT_MAX_RELATIVE_VARIANCE, Map, MapWriter, Sensor};
 use scans::ScanSource;
 use slam_lidar::mapping::MappingParams;
@@ -217,14 +217,14 @@ pub struct LidarMergeOptions {
     pub force: bool,
     /// How pairs are judged.
     pub params: LidarMergeParams,
-    /// The folder that verdicts on pairs are taken from and kept in; made if it is not there.
+    /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket. Where none is
+    /// named, that of a manifest among the maps, else the folder `verdicts` in `out`.
     pub verdicts: Option<PathBuf>,
     /// Pairs of agents, each as `A+B`, of which a person says that both maps show one place.
     pub confirm: Vec<String>,
     /// Maps of manifests among the given that are left out, by their names.
     pub without: Vec<String>,
-    /// Whether maps, clouds, trajectories and the report are written besides the manifest. Where they are not, verdicts are kept beside it
-    /// unless something else is said.
+    /// Whether maps, clouds, trajectories and the report are written besides the manifest.
     pub map: bool,
 }
 
@@ -257,7 +257,7 @@ impl LidarMerged {
 
 /// Merges the LiDAR maps at `paths`, each a `map.mcap` or the folder of a run, into a folder of results: for each group
 /// of maps that hang together a map, a cloud and trajectories, with `manifest.json`, `merge.json` and `report.html`. A manifest stands for
-/// all of its maps, and verdicts that are kept are not found again. Where no two of them met, nothing is written.
+/// all of its maps, and verdicts that are kept are not found again. Where no two of them met, verdicts alone are written.
 ///
 /// # Errors
 /// When a map cannot be read or is not a LiDAR's, results cannot be written, or `stop` was wished.
@@ -271,23 +271,22 @@ pub fn merge_maps(
     let (given, mut results) = begin(paths, &options.without, (out, options.force))?;
     let mut step = |text: &str| {
         stage(text);
-        if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
+        go_on(stop)
     };
     let (inputs, warnings) = read_inputs(&given.maps, &mut step)?;
     let files = Files::of(&inputs);
     let digests = given.digests(&files.paths)?;
-    let place = given.verdicts_at(options.verdicts.as_deref(), (!map).then_some(out.as_path()));
-    let of_agents = agent_digests(&files.agents, &digests);
-    let verdicts = place.as_deref().map(|place| LidarVerdicts::at(place, of_agents, params)).transpose()?;
+    let (place, kept) = given.verdicts(options.verdicts.as_deref(), out)?;
+    let verdicts = LidarVerdicts::among(kept, agent_digests(&files.agents, &digests), params);
     let confirm = confirmed_pairs(&inputs, &options.confirm)?;
-    let merging = merge_knowing(&inputs, params, (&confirm, verdicts.as_ref()), &mut step)?;
+    let merging = merge_knowing(&inputs, params, (&confirm, Some(&verdicts)), &mut step)?;
     let mut record = LidarMergeRecord::of(&inputs, &merging);
     record.cost.cpu_s = view::process::cpu_seconds();
     record.cost.peak_memory_bytes = view::process::peak_memory_bytes();
     if merging.any_joined() {
         step("writing the results")?;
         let groups = merging.arrangements(&files, &provenance_of(&inputs));
-        let manifest = Manifest::new(files.listed(&digests), place.as_deref(), groups, out);
+        let manifest = Manifest::new(files.listed(&digests), &place, groups, out);
         match *map {
             true => write_merged(&mut results, &inputs, &merging, Some(&manifest), &mut record)?,
             false => manifest.write(&mut results)?,

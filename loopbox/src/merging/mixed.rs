@@ -10,7 +10,7 @@ use super::options::MergeWatcher;
 use super::verdicts::CameraVerdicts;
 use super::{Input, KnownBefore, Manifest, MergingParams, Names, merge_knowing};
 use crate::common_map::groups::write_maps;
-use crate::common_map::manifest::{Given, ManifestMap, arrangements, begin};
+use crate::common_map::manifest::{Given, ManifestMap, arrangements, begin, go_on};
 use crate::common_map::names::name_of;
 use crate::describing::described::describe;
 use crate::lidar::merging as lidar;
@@ -18,8 +18,8 @@ use crate::lidar::merging::verdicts::LidarVerdicts;
 use crate::open::open_map;
 use crate::results::Results;
 use crate::results::digest::agent_digests;
-use crate::verdicts::MapDigest;
-use anyhow::{Context, Result, anyhow};
+use crate::verdicts::{MapDigest, Verdicts};
+use anyhow::{Context, Result};
 use geometry::Sim3;
 use map::{AgentId, Map, SensorKind};
 use merge::common_map::{Address, Addresses, CommonMap, Fused, Link, TakenBack};
@@ -125,18 +125,18 @@ pub struct MixedOptions {
     pub lidars: lidar::LidarMergeParams,
     /// All parameters of cameras' merges; its `fusion` is that of the common map of both. Nothing is optimised jointly.
     pub cameras: MergingParams,
-    /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket.
+    /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket. Where none is
+    /// named, that of a manifest among the maps, else the folder `verdicts` in `out`.
     pub verdicts: Option<PathBuf>,
     /// Maps of manifests among the given that are left out, by their names.
     pub without: Vec<String>,
-    /// Whether maps, clouds, trajectories and the report are written besides the manifest. Where they are not, verdicts are kept beside it
-    /// unless something else is said.
+    /// Whether maps, clouds, trajectories and the report are written besides the manifest.
     pub map: bool,
 }
 
 /// Merges the maps at `paths`, of which at least one has agents of both kinds, and writes the common map: maps, clouds and
 /// trajectories as of any merge, `manifest.json`, `report.html` and `merge.json`. A manifest stands for all of its maps, and verdicts that
-/// are kept are not found again. Where no two agents met, nothing is written.
+/// are kept are not found again. Where no two agents met, verdicts alone are written.
 ///
 /// # Errors
 /// When a map cannot be read, the common map cannot be made, results cannot be written, or `stop` was wished.
@@ -150,7 +150,7 @@ pub fn merge_mixed(
     let (given, mut output) = begin(paths, &options.without, (out, options.force))?;
     let mut stage = |text: &str| {
         watcher.stage(text);
-        if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) }
+        go_on(stop)
     };
     stage("reading the maps")?;
     let mut warnings = Vec::new();
@@ -159,8 +159,8 @@ pub fn merge_mixed(
         CommonMap::from_maps(&maps.iter().collect::<Vec<_>>()).context("the maps cannot be merged")?;
     let names = Names::new(&common);
     let before = common.merged();
-    let place = given.verdicts_at(options.verdicts.as_deref(), (!map).then_some(out.as_path()));
-    let (digests, verdicts) = (digests(&lines, &addresses), place.as_deref());
+    let (place, verdicts) = given.verdicts(options.verdicts.as_deref(), out)?;
+    let digests = digests(&lines, &addresses);
     let agents = Agents { common: &common, names: &names, digests, verdicts };
     let (scanned, mut pair_results) = agents.meetings_of_lidars(&options.lidars, &mut stage)?;
     let (seen, of_cameras) = agents.meetings_of_cameras(cameras, &mut stage, &mut warnings)?;
@@ -180,7 +180,7 @@ pub fn merge_mixed(
         stage("writing the results")?;
         let provenance = provenance(&record);
         let groups = arrangements(&fused, &addresses, &provenance);
-        Manifest::new(lines, place.as_deref(), groups, out).write(&mut output)?;
+        Manifest::new(lines, &place, groups, out).write(&mut output)?;
         if *map {
             write_maps(&mut output, &fused, &names, &provenance)?;
             write(&mut output, &fused, &mut record)?;
@@ -253,7 +253,7 @@ struct Agents<'a> {
     /// What each is called in verdicts.
     digests: BTreeMap<AgentId, MapDigest>,
     /// Where these are kept.
-    verdicts: Option<&'a Path>,
+    verdicts: Verdicts,
 }
 
 impl<'a> Agents<'a> {
@@ -283,9 +283,8 @@ impl<'a> Agents<'a> {
         if inputs.len() < 2 {
             return Ok(Default::default());
         }
-        let kept = |place| LidarVerdicts::at(place, self.digests(&agents), params);
-        let verdicts = self.verdicts.map(kept).transpose()?;
-        let merging = lidar::merge_knowing(&inputs, params, (&[], verdicts.as_ref()), stage)?;
+        let verdicts = LidarVerdicts::among(self.verdicts.clone(), self.digests(&agents), params);
+        let merging = lidar::merge_knowing(&inputs, params, (&[], Some(&verdicts)), stage)?;
         let link = |pair: &lidar::Pair| {
             let map_link = lidar::map_link(&inputs, pair)?;
             let address = |input: usize, keyframe| Address { agent: agents[input], keyframe };
@@ -328,9 +327,8 @@ impl<'a> Agents<'a> {
                 Err(refused) => warnings.push(format!("{:#}", refused.why)),
             }
         }
-        let kept = |place| CameraVerdicts::at(place, self.digests(&agents), params);
-        let verdicts = self.verdicts.map(kept).transpose()?;
-        let known = KnownBefore { verdicts: verdicts.as_ref(), ..KnownBefore::default() };
+        let verdicts = CameraVerdicts::among(self.verdicts.clone(), self.digests(&agents), params);
+        let known = KnownBefore { verdicts: Some(&verdicts), ..KnownBefore::default() };
         let merging = merge_knowing(&inputs, &vocabulary, params, known, stage)?;
         // There every input is one agent, whose keyframes are called as they are here.
         let owners: Vec<Option<AgentId>> = merging.addresses.iter().map(|of| of.agents().next()).collect();

@@ -7,10 +7,10 @@ use super::{
     Input, KnownBefore, Manifest, MergeRecord, Merging, MergingParams, Names, isolated_agents, listed,
     merge_knowing, verdicts, write_results,
 };
-use crate::common_map::manifest::{ManifestMap, arrangements, begin};
+use crate::common_map::manifest::{ManifestMap, arrangements, begin, go_on};
 use crate::swapping::SwapFiles;
 use crate::verdicts::MapDigest;
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use place_recog::{ProposeParams, Vocabulary};
 use rayon::prelude::*;
 use sources::Stop;
@@ -27,15 +27,15 @@ pub struct MergeOptions {
     pub force: bool,
     /// All parameters of all steps.
     pub params: MergingParams,
-    /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket.
+    /// Where verdicts on pairs are taken from and kept: a folder, which is made if it is not there, or the URI of a bucket. Where none is
+    /// named, that of a manifest among the maps, else the folder `verdicts` in `out`.
     pub verdicts: Option<PathBuf>,
     /// Pairs of agents, each as `A+B`, of which a person says that both maps show one place: what differs between them keeps them apart no
-    /// more. With `verdicts` that is kept too.
+    /// more. That is kept where verdicts are.
     pub confirm: Vec<String>,
     /// Maps of manifests among the given that are left out, by their names: as if they had never been merged.
     pub without: Vec<String>,
-    /// Whether maps, clouds, trajectories and the report are written besides the manifest, which makes them at any time. Where they are
-    /// not, verdicts are kept beside it unless something else is said.
+    /// Whether maps, clouds, trajectories and the report are written besides the manifest, which makes them at any time.
     pub map: bool,
 }
 
@@ -94,7 +94,7 @@ impl Merged {
 }
 
 /// Merges the maps at `paths`, each a `map.mcap` or the folder of a run, and writes the common map; tells nobody how it
-/// goes. A manifest stands for all of its maps, and verdicts that are kept are not found again. Where no two maps met, nothing is
+/// goes. A manifest stands for all of its maps, and verdicts that are kept are not found again. Where no two maps met, verdicts alone are
 /// written.
 ///
 /// ```no_run
@@ -106,7 +106,7 @@ impl Merged {
 /// ```
 ///
 /// # Errors
-/// When a map cannot be read, or the common map cannot be made or written. Then nothing is written.
+/// When a map cannot be read, or the common map cannot be made or written. Then nothing but verdicts is written.
 pub fn merge_maps(paths: &[PathBuf], options: MergeOptions) -> Result<Merged> {
     merge_maps_watched(paths, options, &Stop::default(), &())
 }
@@ -125,20 +125,18 @@ pub fn merge_maps_watched(
     let (given, mut output) = begin(paths, &options.without, (&options.out, options.force))?;
     // Other methods are compared as they are.
     options.params.joint &= options.params.method.baseline().is_none();
-    let go_on = || if stop.requested() { Err(anyhow!("interrupted: nothing was written")) } else { Ok(()) };
     let mut stage = |text: &str| {
         watcher.stage(text);
-        go_on()
+        go_on(stop)
     };
     let vocabulary = Vocabulary::shipped();
     let swap = Arc::new(SwapFiles::new(options.out.clone()));
     let inputs = load(&given.maps, &vocabulary, &swap, watcher, &mut stage)?;
     let params = &options.params;
     let digests = given.digests(&inputs.iter().map(|input| &input.path).collect::<Vec<_>>())?;
-    let place = given.verdicts_at(options.verdicts.as_deref(), (!options.map).then_some(&*options.out));
-    let verdicts =
-        place.as_deref().map(|place| CameraVerdicts::at(place, digests.clone(), params)).transpose()?;
-    let known = KnownBefore { confirm: &options.confirm, verdicts: verdicts.as_ref(), swap: Some(swap) };
+    let (place, kept) = given.verdicts(options.verdicts.as_deref(), &options.out)?;
+    let verdicts = CameraVerdicts::among(kept, digests.clone(), params);
+    let known = KnownBefore { confirm: &options.confirm, verdicts: Some(&verdicts), swap: Some(swap) };
     let mut merging = merge_knowing(&inputs, &vocabulary, params, known, &mut stage)?;
     let (names, provenance) = (Names::new(&merging.common), merging.provenance(&inputs, params));
     if params.joint && merging.any_joined() {
@@ -155,12 +153,12 @@ pub fn merge_maps_watched(
     if merging.any_joined() {
         stage("writing the results")?;
         let groups = arrangements(&merging.fused, &merging.addresses, &provenance);
-        let manifest = Manifest::new(lines(&inputs, digests), place.as_deref(), groups, &options.out);
+        let manifest = Manifest::new(lines(&inputs, digests), &place, groups, &options.out);
         match options.map {
             true => write_results(&mut output, &inputs, &merging, &names, Some(&manifest), &mut record)?,
             false => manifest.write(&mut output)?,
         }
-        go_on()?;
+        go_on(stop)?;
         output.commit()?;
         let lonely = isolated_agents(&merging, &names);
         if !lonely.is_empty() {

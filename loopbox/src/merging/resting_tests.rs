@@ -4,6 +4,7 @@ use super::verdicts::CameraVerdicts;
 use super::{Input, KnownBefore, MergingParams, load, merge_knowing};
 use crate::results::digest::MapDigest;
 use crate::swapping::SwapFiles;
+use crate::verdicts::Verdicts;
 use geometry::{Se3, Sim3, Swap, Swapped};
 use loopbox_tests::{Recording, World, render, trajectory};
 use map::{AgentInfo, Keyframe, KeyframeId, Map, SemiDense, save_map};
@@ -53,7 +54,7 @@ fn merged(maps: &[PathBuf], swap: &SwapFiles, folder: &Path) -> (BTreeMap<String
     let (vocabulary, params) = (Vocabulary::shipped(), MergingParams::default());
     let inputs = load(maps, &vocabulary, swap, &(), &mut |_| Ok(())).unwrap();
     let digests = maps.iter().map(|map| MapDigest::of(map).unwrap()).collect();
-    let verdicts = CameraVerdicts::at(folder, digests, &params).unwrap();
+    let verdicts = CameraVerdicts::among(Verdicts::at(folder).unwrap(), digests, &params);
     let known = KnownBefore { verdicts: Some(&verdicts), ..KnownBefore::default() };
     let merging = merge_knowing(&inputs, &vocabulary, &params, known, &mut |_| Ok(())).unwrap();
     let files = fs::read_dir(folder).unwrap().map(|file| file.unwrap());

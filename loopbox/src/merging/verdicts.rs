@@ -37,15 +37,12 @@ impl<'a> CameraVerdicts<'a> {
     pub fn of(folder: Option<&Path>, inputs: &[Input], params: &'a MergingParams) -> Result<Option<Self>> {
         let Some(folder) = folder else { return Ok(None) };
         let (kept, maps) = (Verdicts::at(folder)?, digests(inputs.iter().map(|input| &input.path))?);
-        Ok(Some(Self { kept, maps, params }))
+        Ok(Some(Self::among(kept, maps, params)))
     }
 
-    /// Those of maps that are called so, at a place.
-    ///
-    /// # Errors
-    /// When it cannot be used.
-    pub fn at(place: &Path, maps: Vec<MapDigest>, params: &'a MergingParams) -> Result<Self> {
-        Ok(Self { kept: Verdicts::at(place)?, maps, params })
+    /// Those of maps that are called so, among `kept`.
+    pub fn among(kept: Verdicts, maps: Vec<MapDigest>, params: &'a MergingParams) -> Self {
+        Self { kept, maps, params }
     }
 
     /// What the verdict on two inputs is called.

@@ -6,7 +6,7 @@ use crate::fleet::remembering::Memory;
 use crate::merging::verdicts::CameraVerdicts;
 use crate::merging::{Input, MergingParams, PairResult, PairResults, pairs};
 use crate::store::Sharing;
-use crate::verdicts::{MapDigest, VerdictKey};
+use crate::verdicts::{MapDigest, VerdictKey, Verdicts};
 use anyhow::Result;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -40,7 +40,7 @@ impl Keeper<'_> {
         let content = |map: usize| MapDigest::of_content(&self.maps.contents[map].hash);
         let called = |(map, file): (usize, &Option<MapDigest>)| file.clone().unwrap_or_else(|| content(map));
         let files = self.maps.files.iter().enumerate().map(called).collect();
-        CameraVerdicts::at(self.folder, files, self.params)
+        Ok(CameraVerdicts::among(Verdicts::at(self.folder)?, files, self.params))
     }
 
     /// Whether both maps have files.

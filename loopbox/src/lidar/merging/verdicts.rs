@@ -29,19 +29,10 @@ impl<'a> LidarVerdicts<'a> {
         let Some(folder) = folder else { return Ok(None) };
         let files = Files::of(inputs);
         let maps = agent_digests(&files.agents, &digests(files.paths.iter().copied())?);
-        Ok(Some(Self::at(folder, maps, params)?))
-    }
-
-    /// Those of maps that are called so, at a place.
-    ///
-    /// # Errors
-    /// When it cannot be used.
-    pub fn at(place: &Path, maps: Vec<MapDigest>, params: &'a LidarMergeParams) -> Result<Self> {
-        Ok(Self { kept: Verdicts::at(place)?, maps, params })
+        Ok(Some(Self::among(Verdicts::at(folder)?, maps, params)))
     }
 
     /// Those of maps that are called so, among `kept`.
-    #[cfg(feature = "fleet")]
     pub fn among(kept: Verdicts, maps: Vec<MapDigest>, params: &'a LidarMergeParams) -> Self {
         Self { kept, maps, params }
     }
