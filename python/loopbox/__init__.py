@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
@@ -146,7 +147,7 @@ def run(
 ) -> RunResult:
     """Tracks and maps a recording, and writes the results into the folder `out`, as `loopbox run` does.
 
-    `recording` is a folder of images, an MCAP file or a ROS 1 bag; `calibration` a camera.yaml, where none came with it and
+    `recording` is a folder of images, an MCAP file or a ROS 1 bag, or the URI of one in a bucket; `calibration` a camera.yaml, where none came with it and
     none is to be found from the images (`fov`: their horizontal field of view, degrees). `params` has the sections of
     `loopbox params`. `progress` is called with index, time stamp and state of each frame; what it raises, and Ctrl-C, ends
     the run, with what was tracked saved.
@@ -222,11 +223,9 @@ def map(
     **options: Any,
 ) -> list[RunResult]:
     """Maps recordings, each into a folder of its name in `out`, as `run` does with the same `options`; by the workers of an
-    `executor`, which share `out`. A recording whose folder is complete is not mapped again."""
-    folders = _folders(recordings, Path(out))
-    if executor is None:
-        return [_mapped(recording, folder, options) for recording, folder in folders]
-    return _all([executor.submit(_mapped, recording, folder, options) for recording, folder in folders])
+    `executor`, which share `out`. A recording whose folder is complete is not mapped again. "s3://BUCKET/PREFIX/*" stands for all that
+    lies right under a prefix of a bucket."""
+    return [run for _, run in _over(_mapped, recordings, Path(out), executor, options)]
 
 
 def reconstruct(
@@ -237,9 +236,17 @@ def reconstruct(
     **options: Any,
 ) -> MergeResult:
     """The whole way from recordings to one map: `map` into `out/maps`, verdicts in `out/verdicts`, the common map in
-    `out/merged`. Called again after a kill, it does not do again what was done."""
+    `out/merged`. A recording that cannot be mapped, or gives a map without depth, is left out, with a warning. Called again after a kill,
+    it does not do again what was done."""
     room = Path(out)
-    maps = [run.folder for run in map(recordings, room / "maps", executor=executor, **options)]
+    maps = []
+    for recording, done in _over(_mapped_or_why, recordings, room / "maps", executor, options):
+        if isinstance(done, LoopboxError):
+            warnings.warn(f"left out: {done}", stacklevel=2)
+        elif done.record["map"]["semi_dense"]:
+            maps.append(done.folder)
+        else:
+            warnings.warn(f"left out: {recording}: its map has no depth: did the camera move?", stacklevel=2)
     return merge(maps, room / "merged", force=True, verdicts=room / "verdicts", executor=executor)
 
 
@@ -253,7 +260,30 @@ def _judge(a: StrPath, b: StrPath, verdicts: str) -> bool:
     return _loopbox.verdict(a, b, verdicts=verdicts, threads=1)[0]
 
 
-def _mapped(recording: Path, folder: Path, options: dict[str, Any]) -> RunResult:
+def _over(
+    task: Callable[[StrPath, Path, dict[str, Any]], Any],
+    recordings: Iterable[StrPath],
+    out: Path,
+    executor: Executor | None,
+    options: dict[str, Any],
+) -> list[tuple[StrPath, Any]]:
+    """Recordings with what a task makes of each in a folder of its name in `out`."""
+    folders = _folders(recordings, out)
+    if executor is None:
+        return [(recording, task(recording, folder, options)) for recording, folder in folders]
+    results = _all([executor.submit(task, recording, folder, options) for recording, folder in folders])
+    return [(recording, result) for (recording, _), result in zip(folders, results)]
+
+
+def _mapped_or_why(recording: StrPath, folder: Path, options: dict[str, Any]) -> RunResult | LoopboxError:
+    """A worker's task."""
+    try:
+        return _mapped(recording, folder, options)
+    except LoopboxError as error:
+        return error
+
+
+def _mapped(recording: StrPath, folder: Path, options: dict[str, Any]) -> RunResult:
     """A worker's task."""
     numbers = folder / "run.json"
     if not numbers.is_file():
@@ -264,17 +294,17 @@ def _mapped(recording: Path, folder: Path, options: dict[str, Any]) -> RunResult
     return RunResult(folder, record)
 
 
-def _folders(recordings: Iterable[StrPath], out: Path) -> list[tuple[Path, Path]]:
+def _folders(recordings: Iterable[StrPath], out: Path) -> list[tuple[StrPath, Path]]:
     """Recordings with a folder for each, called by their names; those of one name get a number."""
-    folders: dict[Path, Path] = {}
-    for recording in recordings:
+    folders: dict[Path, StrPath] = {}
+    for recording in _loopbox.recordings(list(recordings)):
         path = Path(recording)
         name = path.name if path.is_dir() else path.stem
         folder, number = out / name, 2
         while folder in folders:
             folder, number = out / f"{name}-{number}", number + 1
-        folders[folder] = path
-    return [(path, folder) for folder, path in folders.items()]
+        folders[folder] = _place(recording)
+    return [(recording, folder) for folder, recording in folders.items()]
 
 
 def _all(tasks: list[Future[Any]]) -> list[Any]:

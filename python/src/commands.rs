@@ -5,7 +5,7 @@ use crate::maps::warn;
 use crate::{failed, on_threads};
 use anyhow::{Result, bail};
 use eval::{AlignMode, Options};
-use loopbox::blobs::{local_files, local_pair};
+use loopbox::blobs::{local_files, local_pair, local_recording, recordings_at};
 use loopbox::lidar::{self, LidarMergeOptions};
 use loopbox::merging::MergingParams;
 use loopbox::open::{Sensors, sensors_at};
@@ -64,7 +64,8 @@ fn tracked(
     mut options: RunOptions,
     reporter: &Reporter,
 ) -> Result<(PathBuf, String)> {
-    let recording = Recording { path: recording.to_owned(), options: source.clone() };
+    let path = local_recording(recording, &|_| {})?;
+    let recording = Recording { path, options: source.clone() };
     let source = recording.open()?;
     options.without_calibration(source.info(), recording, fov, &reporter.stop, reporter)?;
     let prepared = PreparedRun::new(source, options)?;
@@ -194,6 +195,13 @@ pub fn propose(py: Python<'_>, maps: Vec<PathBuf>) -> PyResult<Vec<(OsString, Os
         })
     });
     proposed.map_err(failed)
+}
+
+/// The recordings that these names stand for: of the URI of a prefix with `/*` behind all that lies there.
+#[pyfunction]
+pub fn recordings(py: Python<'_>, names: Vec<PathBuf>) -> PyResult<Vec<OsString>> {
+    let all = py.detach(|| recordings_at(&names)).map_err(failed)?;
+    Ok(all.into_iter().map(PathBuf::into_os_string).collect())
 }
 
 /// Compares a trajectory with its ground truth; all measures as JSON.

@@ -40,6 +40,23 @@ def test_recordings_become_one_map_and_nothing_is_done_twice(demo, runs, tmp_pat
     assert content(tmp_path / "maps/parking_a") | content(tmp_path / "verdicts") == before
 
 
+def test_a_recording_that_cannot_be_mapped_keeps_no_other_from_being_merged(demo, runs, tmp_path):
+    still = tmp_path / "still"
+    (still / "images").mkdir(parents=True)
+    first = sorted((demo / "parking_a/images").iterdir())[0]
+    for number in range(12):
+        (still / f"images/{number:06}{first.suffix}").symlink_to(first.resolve())
+    (still / "times.txt").write_text("".join(f"{n / 15} images/{n:06}{first.suffix}\n" for n in range(12)))
+    (still / "camera.yaml").symlink_to((demo / "parking_a/camera.yaml").resolve())
+    recordings = [demo / name for name in runs]
+    # What the run had is saved, and is not made again.
+    whys = ["no frame could be tracked: the images are all alike", "its map has no depth"]
+    for executor, why in zip((None, ThreadPoolExecutor(2)), whys):
+        with pytest.warns(UserWarning, match=f"left out: .*still: {why}"):
+            both = loopbox.reconstruct([*recordings, still], tmp_path / "out", executor=executor)
+        assert both.met and sorted(both.map().agents) == sorted(runs)
+
+
 def test_what_a_worker_could_not_do_is_told_after_the_others(demo, tmp_path):
     recordings = [tmp_path / "nothing", demo / "parking_c"]
     with ThreadPoolExecutor(2) as pool, pytest.raises(loopbox.LoopboxError, match="no such file"):

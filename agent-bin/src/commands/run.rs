@@ -5,11 +5,12 @@ use super::publishing::Ros2Args;
 use super::run_scans::{self, OpenScans, ScanArgs, ScanRun};
 use super::threads::ThreadsArg;
 use super::watching::ViewArgs;
-use crate::console::{Ended, Ending, usage};
+use crate::console::{self, Ended, Ending, usage};
 use crate::interrupt::stop_on_ctrl_c;
 use crate::progress::Display;
 use anyhow::{Result, anyhow, bail};
 use clap::{Args, ValueEnum};
+use loopbox::blobs::local_recording;
 use loopbox::open::recording_name;
 use loopbox::run::{Listeners, Recording, Resume, ResumeMode, RunOptions, TrajectoryFormat};
 use sources::ahead::Pace;
@@ -27,7 +28,8 @@ mod repeat;
 #[derive(Args, Debug)]
 pub struct RunArgs {
     /// The recording: a folder of images, an MCAP file, a ROS 2 or ROS 1 bag, or a video file; or a LiDAR's: a folder of
-    /// KITTI, PCD or PLY scans, or an MCAP file or bag with point clouds
+    /// KITTI, PCD or PLY scans, or an MCAP file or bag with point clouds. In a bucket: s3://BUCKET/NAME, gs://… or az://…, an object or
+    /// all objects under that name
     #[arg(conflicts_with = "camera")]
     source: Option<PathBuf>,
     /// Folder for the results; made if it is not there; default: out/ and the recording's or the camera's name
@@ -208,9 +210,12 @@ enum LogForm {
 /// # Errors
 /// When the recording, calibration or parameters cannot be used, nothing could be tracked, or the
 /// results cannot be written.
-pub fn execute(args: RunArgs) -> Result<()> {
+pub fn execute(mut args: RunArgs) -> Result<()> {
     usage(args.check_numbers())?;
     args.threads.start()?;
+    if let Some(source) = &mut args.source {
+        *source = local_recording(source, &|text| console::step(args.quiet, text))?;
+    }
     if let Some(path) = &args.map.record {
         refuse_existing(path)?;
     }

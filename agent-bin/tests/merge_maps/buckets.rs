@@ -12,6 +12,7 @@ fn a_build_without_buckets_names_the_feature() {
     let bucket = "s3://bucket/verdicts";
     loopbox(&["verdict", arg(&left), arg(&left), "--verdicts", bucket]).assert_refused(&refusal);
     loopbox(&["propose", "gs://bucket/maps/*"]).assert_refused(&refusal);
+    loopbox(&["run", "s3://bucket/recordings/a", "--out", arg(&case.out())]).assert_refused(&refusal);
     loopbox(&["merge", arg(&left), "az://box/a", "--out", arg(&case.out())]).assert_refused(&refusal);
     assert!(!case.out().exists());
 }
@@ -129,6 +130,36 @@ mod served {
         assert!(fs::read(outs[1].join("map.mcap")).unwrap() == fs::read(outs[2].join("map.mcap")).unwrap());
         let clouds = [&outs[0], &outs[2]].map(|out| fs::read(out.join("cloud.ply")).unwrap());
         assert!(clouds[0] == clouds[1], "the maps of the bucket make another cloud");
+    }
+
+    #[test]
+    fn a_recording_in_the_bucket_is_mapped_as_that_of_this_machine() {
+        let Some(server) = Server::begin() else { return };
+        let (runs, case) = (Runs::get(), Case::new());
+        let recording = runs.truth("left").parent().unwrap().to_owned();
+        for folder in [recording.clone(), recording.join("images")] {
+            for path in fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()) {
+                let Ok(bytes) = fs::read(&path) else { continue };
+                let name = path.strip_prefix(&recording).unwrap().to_str().unwrap();
+                server.put(&format!("recordings/left/{name}"), &bytes);
+            }
+        }
+        let map = |recording: &str, out: &str| {
+            let out = case.path(out);
+            let output = run(&server, &case, &["run", recording, "--end", "2", "--out", arg(&out)]);
+            let [_, said] = texts(&output);
+            assert!(output.status.success(), "{said}");
+            (fs::read(out.join("trajectory.txt")).unwrap(), said)
+        };
+        let (here, _) = map(arg(&recording), "here");
+        let (there, said) = map("s3://bucket/recordings/left", "there");
+        assert!(here == there && said.contains("copying s3://bucket/recordings/left, "), "{said}");
+        let (again, said) = map("s3://bucket/recordings/left/", "again");
+        assert!(here == again && !said.contains("copying"), "{said}");
+        let refused = run(&server, &case, &["run", "s3://bucket/recordings/none"]);
+        let [_, said] = texts(&refused);
+        assert!(refused.status.code() == Some(1), "{said}");
+        assert!(said.contains("s3://bucket/recordings/none: there is no recording\nhint: "), "{said}");
     }
 
     #[test]

@@ -112,9 +112,9 @@ fn a_manifest_grows_by_what_is_new() {
     assert_eq!(content(&two), content(&three));
 }
 
-/// A merge that writes a map keeps its verdicts too: repeated it looks at no pair, and grown by a map only at pairs with that.
+/// Repeated it looks at no pair, and grown by a map only at pairs with that.
 #[test]
-fn verdicts_are_kept_beside_a_map_as_beside_a_manifest_alone() {
+fn a_merge_that_writes_a_map_keeps_its_verdicts_too() {
     let (runs, case) = (Runs::get(), Case::new());
     let [left, right, elsewhere] = ["left", "right", "elsewhere"].map(|name| runs.run(name));
     let looked = |outcome: &Outcome| {

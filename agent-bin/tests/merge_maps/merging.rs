@@ -128,8 +128,8 @@ fn check_numbers(case: &Case) {
     assert!(numbers["cost"]["peak_memory_bytes"].as_u64().is_some_and(|bytes| bytes > 1 << 20));
     let names: Vec<&str> = numbers["files"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
     assert!(names.iter().all(|name| case.out().join(name).is_file()), "{names:?}");
-    let beside = case.results().into_iter().filter(|name| name != "verdicts").count();
-    assert_eq!(names.len(), beside, "{names:?} {:?}", case.results());
+    let written = case.results().into_iter().filter(|name| name != "verdicts").count();
+    assert_eq!(names.len(), written, "{names:?} {:?}", case.results());
 }
 
 /// The common map is a map like any other.

@@ -49,6 +49,12 @@ impl BucketBlobs {
         Ok(Self { store, root, uri: uri.to_owned(), runtime })
     }
 
+    /// A bucket that is none, in memory.
+    #[cfg(test)]
+    pub(super) fn in_memory(uri: &str) -> Self {
+        Self::on(Box::new(object_store::memory::InMemory::new()), Key::default(), uri).unwrap()
+    }
+
     fn key(&self, name: &str) -> Result<Key> {
         let whole = format!("{}/{name}", self.root);
         Key::parse(whole.trim_end_matches('/'))
@@ -68,12 +74,25 @@ impl BucketBlobs {
     /// # Errors
     /// When the server cannot be reached or refuses.
     pub fn version(&self, name: &str) -> Result<Option<String>> {
-        let version = |about: ObjectMeta| {
-            let tag = about.e_tag.unwrap_or_else(|| about.last_modified.to_rfc3339());
-            let tag: String = tag.chars().filter(char::is_ascii_alphanumeric).collect();
-            format!("{tag}-{}", about.size)
+        Ok(self.about(name)?.as_ref().map(version))
+    }
+
+    /// The names that begin so, ascending, with what tells each object from others that had its name before.
+    ///
+    /// # Errors
+    /// When the server cannot be reached or refuses.
+    pub fn versions(&self, prefix: &str) -> Result<Vec<(String, String)>> {
+        // Servers list by whole words of names.
+        let folder = self.key(prefix.rsplit_once('/').map_or("", |(folder, _)| folder))?;
+        let all = self.store.list(Some(&folder)).try_collect::<Vec<ObjectMeta>>();
+        let all = self.runtime.block_on(all).map_err(|error| named(&self.uri, "cannot be listed", error))?;
+        let name = |about: &ObjectMeta| {
+            let within = about.location.as_ref().strip_prefix(self.root.as_ref())?.trim_start_matches('/');
+            within.starts_with(prefix).then(|| (within.to_owned(), version(about)))
         };
-        Ok(self.about(name)?.map(version))
+        let mut names: Vec<(String, String)> = all.iter().filter_map(name).collect();
+        names.sort();
+        Ok(names)
     }
 
     /// Copies an object; whether there is one of that name.
@@ -115,22 +134,19 @@ impl Blobs for BucketBlobs {
     }
 
     fn list(&self, prefix: &str) -> Result<Vec<String>> {
-        // Servers list by whole words of names.
-        let folder = self.key(prefix.rsplit_once('/').map_or("", |(folder, _)| folder))?;
-        let all = self.store.list(Some(&folder)).map_ok(|about| about.location).try_collect::<Vec<Key>>();
-        let all = self.runtime.block_on(all).map_err(|error| named(&self.uri, "cannot be listed", error))?;
-        let name = |key: &Key| {
-            let within = key.as_ref().strip_prefix(self.root.as_ref())?.trim_start_matches('/');
-            within.starts_with(prefix).then(|| within.to_owned())
-        };
-        let mut names: Vec<String> = all.iter().filter_map(name).collect();
-        names.sort();
-        Ok(names)
+        Ok(self.versions(prefix)?.into_iter().map(|(name, _)| name).collect())
     }
 
     fn address(&self, name: &str) -> String {
         format!("{}/{name}", self.uri)
     }
+}
+
+/// What tells an object from others that had its name before.
+fn version(about: &ObjectMeta) -> String {
+    let tag = about.e_tag.clone().unwrap_or_else(|| about.last_modified.to_rfc3339());
+    let tag: String = tag.chars().filter(char::is_ascii_alphanumeric).collect();
+    format!("{tag}-{}", about.size)
 }
 
 /// What was asked for; nothing where it is not there.

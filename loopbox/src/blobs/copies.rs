@@ -17,7 +17,7 @@ pub(super) struct Copies<'a> {
 
 impl<'a> Copies<'a> {
     pub fn new(report: &'a dyn Fn(&str)) -> Self {
-        Self { cache: cache(), report, buckets: BTreeMap::new() }
+        Self { cache: cache("maps"), report, buckets: BTreeMap::new() }
     }
 
     /// The map at a URI, or all under a prefix.
@@ -33,7 +33,7 @@ impl<'a> Copies<'a> {
         let Some(prefix) = name.strip_suffix('*').filter(|prefix| prefix.is_empty() || prefix.ends_with('/'))
         else {
             let object = if name.ends_with(MAP_EXTENSION) { name.to_owned() } else { joined(name, MAP) };
-            let Some(local) = copied(blobs, &object, cache, report)? else {
+            let Some(local) = copied(blobs, &object, cache, MAP, report)? else {
                 bail!(
                     "{}: there is no map\nhint: name a map.mcap, the folder that holds one, or as {bucket}/FOLDER/* all that a folder has",
                     blobs.address(&object)
@@ -43,7 +43,7 @@ impl<'a> Copies<'a> {
         };
         let mut maps = Vec::new();
         for object in maps_among(&blobs.list(prefix)?, prefix) {
-            if let Some(local) = copied(blobs, &object, cache, report)? {
+            if let Some(local) = copied(blobs, &object, cache, MAP, report)? {
                 maps.push(LocalMap { given: blobs.address(&object).into(), local });
             }
         }
@@ -57,7 +57,7 @@ impl<'a> Copies<'a> {
 }
 
 /// Bucket and name of a URI.
-fn parted(uri: &str) -> (&str, &str) {
+pub(super) fn parted(uri: &str) -> (&str, &str) {
     let begin = uri.find("://").map_or(0, |at| at + 3);
     match uri[begin..].find('/') {
         Some(at) => (&uri[..begin + at], &uri[begin + at + 1..]),
@@ -65,31 +65,45 @@ fn parted(uri: &str) -> (&str, &str) {
     }
 }
 
-fn joined(folder: &str, name: &str) -> String {
+pub(super) fn joined(folder: &str, name: &str) -> String {
     if folder.is_empty() { name.to_owned() } else { format!("{folder}/{name}") }
 }
 
-/// The file of an object, which is copied if it is not there; nothing where there is no such object.
-fn copied(blobs: &BucketBlobs, object: &str, cache: &Path, report: &dyn Fn(&str)) -> Result<Option<PathBuf>> {
-    let Some(version) = blobs.version(object)? else { return Ok(None) };
-    let address = blobs.address(object);
+/// The folder of the versions of what has an address.
+pub(super) fn kept_at(cache: &Path, address: &str) -> PathBuf {
     // Names in buckets are of any kind, and two dots among them are a folder's.
     let parts = address
         .split('/')
         .map(|part| part.trim_end_matches(':'))
         .filter(|part| !part.is_empty() && !part.starts_with('.'));
-    let folder = cache.join(parts.collect::<PathBuf>()).join(version);
-    let file = folder.join(MAP);
+    cache.join(parts.collect::<PathBuf>())
+}
+
+/// Says that no copy can be made, and what to do.
+pub(super) fn copy_hint(folder: &Path, address: &str) -> String {
+    let folder = folder.display();
+    format!(
+        "{folder}: {address} cannot be copied to there\nhint: XDG_CACHE_HOME names a folder that has room for it"
+    )
+}
+
+/// The file of an object, which is copied if it is not there and has the name that is given; nothing where there is no such object.
+pub(super) fn copied(
+    blobs: &BucketBlobs,
+    object: &str,
+    cache: &Path,
+    called: &str,
+    report: &dyn Fn(&str),
+) -> Result<Option<PathBuf>> {
+    let Some(version) = blobs.version(object)? else { return Ok(None) };
+    let address = blobs.address(object);
+    let folder = kept_at(cache, &address).join(version);
+    let file = folder.join(called);
     if file.is_file() {
         return Ok(Some(file));
     }
     report(&format!("copying {address}"));
-    let hint = || {
-        let folder = folder.display();
-        format!(
-            "{folder}: {address} cannot be copied to there\nhint: XDG_CACHE_HOME names a folder that has room for maps"
-        )
-    };
+    let hint = || copy_hint(&folder, &address);
     fs::create_dir_all(&folder).with_context(hint)?;
     let mut copy = tempfile::NamedTempFile::new_in(&folder).with_context(hint)?;
     if !blobs.copy(object, copy.as_file_mut())? {
@@ -99,11 +113,11 @@ fn copied(blobs: &BucketBlobs, object: &str, cache: &Path, report: &dyn Fn(&str)
     Ok(Some(file))
 }
 
-/// Where copies are kept.
-fn cache() -> PathBuf {
+/// Where copies of maps or recordings are kept.
+pub(super) fn cache(what: &str) -> PathBuf {
     let named = |name: &str| std::env::var_os(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let cache = named("XDG_CACHE_HOME").or_else(|| Some(named("HOME")?.join(".cache")));
-    cache.unwrap_or_else(std::env::temp_dir).join("loopbox/maps")
+    cache.unwrap_or_else(std::env::temp_dir).join("loopbox").join(what)
 }
 
 #[cfg(test)]

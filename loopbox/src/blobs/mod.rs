@@ -9,6 +9,8 @@ mod bucket;
 mod copies;
 mod folder;
 mod memory;
+#[cfg(feature = "object-store")]
+mod recordings;
 #[cfg(test)]
 mod tests;
 mod uri;
@@ -17,7 +19,7 @@ mod uri;
 pub use bucket::BucketBlobs;
 pub use folder::FolderBlobs;
 pub use memory::MemoryBlobs;
-pub use uri::{LocalMap, Place, local_files, local_maps, local_pair, open};
+pub use uri::{LocalMap, Place, local_files, local_maps, local_pair, local_recording, open, recordings_at};
 
 use anyhow::Result;
 use std::fmt::Debug;

@@ -102,6 +102,43 @@ pub fn local_pair(maps: &[PathBuf; 2], report: &dyn Fn(&str)) -> Result<[PathBuf
         .map_err(|files: Vec<_>| anyhow!("a verdict is on two maps, and these are {}", files.len()))
 }
 
+/// The recordings that these names stand for: of `s3://BUCKET/PREFIX/*` all that lies right under the prefix, an object or a folder each.
+///
+/// # Errors
+/// When a bucket cannot be read, nothing lies there, or the program was built without buckets.
+pub fn recordings_at(names: &[PathBuf]) -> Result<Vec<PathBuf>> {
+    let mut all = Vec::new();
+    for name in names {
+        match Place::of(name) {
+            #[cfg(feature = "object-store")]
+            Ok(Place::Bucket(uri)) => all.extend(super::recordings::listed(uri)?),
+            #[cfg(not(feature = "object-store"))]
+            Ok(Place::Bucket(uri)) => return without_buckets(uri),
+            _ => all.push(name.clone()),
+        }
+    }
+    Ok(all)
+}
+
+/// The file or folder of a recording, given as a path or a URI: one in a bucket is copied once into the user's cache, an object or all
+/// objects under that name. `report` gets what is copied.
+///
+/// # Errors
+/// When there is none in the bucket, it cannot be copied, or the program was built without buckets.
+pub fn local_recording(name: &Path, report: &dyn Fn(&str)) -> Result<PathBuf> {
+    #[cfg(not(feature = "object-store"))]
+    let _ = report;
+    match Place::of(name) {
+        #[cfg(feature = "object-store")]
+        Ok(Place::Bucket(uri)) => super::recordings::local(uri, report),
+        #[cfg(not(feature = "object-store"))]
+        Ok(Place::Bucket(uri)) => without_buckets(uri),
+        Ok(Place::Local(path)) => Ok(path.to_owned()),
+        // Who opens recordings says what to do with other addresses.
+        Err(_) => Ok(name.to_owned()),
+    }
+}
+
 #[cfg(not(feature = "object-store"))]
 fn without_buckets<T>(uri: &str) -> Result<T> {
     bail!(
@@ -134,7 +171,13 @@ mod tests {
     #[test]
     fn a_build_without_buckets_says_so() {
         let name = Path::new("s3://bucket/a");
-        for refused in [open(name).map(drop), local_files(&[name.to_owned()], &|_| {}).map(drop)] {
+        let names = [name.to_owned()];
+        for refused in [
+            open(name).map(drop),
+            local_files(&names, &|_| {}).map(drop),
+            local_recording(name, &|_| {}).map(drop),
+            recordings_at(&names).map(drop),
+        ] {
             let refused = refused.unwrap_err().to_string();
             assert!(
                 refused.starts_with("s3://bucket/a: ") && refused.contains("--features object-store"),

@@ -255,9 +255,9 @@ impl Given {
         if let Some(place) = named.or(self.verdicts.as_deref()) {
             return Ok((place.to_owned(), Verdicts::at(place)?));
         }
-        let beside = folder.join(VERDICTS);
-        let verdicts = Verdicts::among(Arc::new(FolderBlobs::not_yet_at(&beside)));
-        Ok((beside, verdicts))
+        let place = folder.join(VERDICTS);
+        let verdicts = Verdicts::among(Arc::new(FolderBlobs::not_yet_at(&place)));
+        Ok((place, verdicts))
     }
 
     /// Puts the keyframes of groups that a manifest has where it has them: the same agents with the same closures, of the same
