@@ -153,10 +153,6 @@ pub(crate) fn proposed(
     vocabulary: &Arc<Vocabulary>,
     params: &MergingParams,
 ) -> Vec<([usize; 2], f32, usize)> {
-    let found = places::places(maps, vocabulary, params, &|_| true);
-    let pair = |(pair, places): ([usize; 2], places::Places)| {
-        let best = places.proposals.first()?;
-        Some((pair, best.score, places.proposals.len()))
-    };
-    found.into_iter().filter_map(pair).collect()
+    let found = places::likely_places(maps, vocabulary, &params.places);
+    found.into_iter().filter_map(|(pair, places)| Some((pair, places.first()?.score, places.len()))).collect()
 }

@@ -1,4 +1,4 @@
-//! Which places every two maps may share: one index over all of them, asked once for each keyframe.
+//! Which places every two maps may share.
 
 #[cfg(test)]
 mod tests;
@@ -73,7 +73,7 @@ impl Appearances {
 }
 
 /// The places that the keyframes of each map may share with the maps before it in [`order`], of the pairs that are `wanted`, by
-/// target and source.
+/// target and source. Each map has an index of its own, so that what a pair gets does not depend on which other maps there are.
 pub(super) fn places(
     maps: &[Appearances],
     vocabulary: &Arc<Vocabulary>,
@@ -81,26 +81,40 @@ pub(super) fn places(
     wanted: &dyn Fn([usize; 2]) -> bool,
 ) -> BTreeMap<[usize; 2], Places> {
     let order = order(maps);
-    let mut index = CommonIndex::new(vocabulary, &params.places);
     let mut all = BTreeMap::new();
-    // Maps that no later one asks for, and those that ask for none, cost nothing.
-    let wanted = |earlier: usize, later: usize| wanted([earlier.min(later), earlier.max(later)]);
-    let mut numbers: Vec<usize> = Vec::new();
+    for (at, &target) in order.iter().enumerate() {
+        let is_wanted = |source: &usize| wanted([target.min(*source), target.max(*source)]);
+        let sources: Vec<usize> = order[at + 1..].iter().copied().filter(is_wanted).collect();
+        // A map that no later one asks for costs nothing.
+        if sources.is_empty() {
+            continue;
+        }
+        let mut index = CommonIndex::new(vocabulary, &params.places);
+        index.add(maps[target].of_keyframes().into_iter());
+        for source in sources {
+            let start = Instant::now();
+            let proposals = index.propose(&maps[source].of_keyframes(), &[0]).pop().unwrap_or_default();
+            all.insert([target, source], Places { proposals, seconds: start.elapsed().as_secs_f64() });
+        }
+    }
+    all
+}
+
+/// The same of all pairs by one index over all maps, which is asked once for each keyframe. Of many maps it scores the likeliest keyframes
+/// alone, so it tells which pairs are worth a verdict, and not what the verdict rests on.
+pub(super) fn likely_places(
+    maps: &[Appearances],
+    vocabulary: &Arc<Vocabulary>,
+    params: &ProposeParams,
+) -> BTreeMap<[usize; 2], Vec<Proposal>> {
+    let order = order(maps);
+    let mut index = CommonIndex::new(vocabulary, params);
+    let mut all = BTreeMap::new();
     for (at, &source) in order.iter().enumerate() {
-        let start = Instant::now();
         let of_source = maps[source].of_keyframes();
-        let asked: Vec<usize> = (0..numbers.len()).filter(|&map| wanted(numbers[map], source)).collect();
-        if !asked.is_empty() {
-            let found = index.propose(&of_source, &asked);
-            let seconds = start.elapsed().as_secs_f64() / asked.len() as f64;
-            for (map, proposals) in asked.into_iter().zip(found) {
-                all.insert([numbers[map], source], Places { proposals, seconds });
-            }
-        }
-        if order[at + 1..].iter().any(|&later| wanted(source, later)) {
-            index.add(of_source.into_iter());
-            numbers.push(source);
-        }
+        let found = index.propose(&of_source, &(0..at).collect::<Vec<_>>());
+        all.extend(order[..at].iter().zip(found).map(|(&target, proposals)| ([target, source], proposals)));
+        index.add(of_source.into_iter());
     }
     all
 }

@@ -5,7 +5,7 @@ use serde::Serialize;
 use sha2::{Digest, Sha256};
 
 /// Goes up with every change of what comes of two maps: verdicts of other versions are not taken for this one's.
-const METHOD_VERSION: u32 = 9;
+const METHOD_VERSION: u32 = 10;
 const EXTENSION: &str = "verdict";
 
 /// What a verdict is called by: both maps, the parameters and the version of the method.

@@ -56,6 +56,27 @@ fn what_is_kept_of_maps_proposes_what_the_maps_do() {
     }
 }
 
+/// An index scores so many keyframes and no more: those of other maps must not take the place of a pair's own.
+#[test]
+fn the_places_of_a_pair_do_not_depend_on_other_maps() {
+    let folder = tempfile::tempdir().unwrap();
+    let maps = [("a", 0, 9.0), ("b", 3, 2.0), ("c", 2, 5.0), ("d", 5, 4.0), ("e", 1, 7.0)]
+        .map(|(name, first, time)| save(folder.path(), name, first, time));
+    let vocabulary = Vocabulary::shipped();
+    let inputs =
+        load(&maps, &vocabulary, &SwapFiles::new(folder.path().to_owned()), &(), &mut |_| Ok(())).unwrap();
+    let mut params = MergingParams::default();
+    params.places.bow.scored = 6;
+    let all: Vec<_> = inputs.iter().map(|input| Appearances::of(input, &params.places)).collect();
+    let together = places(&all, &vocabulary, &params, &|_| true);
+    assert_eq!(together.len(), 10);
+    for ([target, source], found) in together {
+        let alone = places(&[all[target].clone(), all[source].clone()], &vocabulary, &params, &|_| true);
+        assert_eq!(found.proposals, alone[&[0, 1]].proposals, "{target} and {source}");
+        assert!(!found.proposals.is_empty());
+    }
+}
+
 #[test]
 fn no_map_is_held_by_what_is_kept_of_it() {
     let folder = tempfile::tempdir().unwrap();
