@@ -217,9 +217,8 @@ mod tests {
 
     #[test]
     fn what_is_no_place_of_objects_is_named_with_what_to_do() {
-        for (uri, words) in [("az://box/a", ["az://box/a: cannot be opened", "AZURE_STORAGE_ACCOUNT_NAME"])] {
-            let refused = BucketBlobs::at(uri).unwrap_err().to_string();
-            assert!(words.iter().all(|word| refused.contains(word)), "{refused}");
-        }
+        let refused = BucketBlobs::at("az://box/a").unwrap_err().to_string();
+        let words = ["az://box/a: cannot be opened", "AZURE_STORAGE_ACCOUNT_NAME"];
+        assert!(words.iter().all(|word| refused.contains(word)), "{refused}");
     }
 }
