@@ -89,7 +89,7 @@ class MergeResult(_Results):
     """What came of a merge."""
 
     met: bool
-    """Whether any two maps met; if not, nothing was written."""
+    """Whether any two maps met; if not, only the verdicts were written."""
     verdict: str = field(repr=False)
     """For each pair what was decided and by what evidence, for people."""
 

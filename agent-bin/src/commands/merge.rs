@@ -16,7 +16,7 @@ use loopbox::results::MANIFEST;
 ///
 /// # Errors
 /// When a map cannot be read, no two of the maps met, the common map cannot be made or written, or the user ended
-/// it. Then nothing is written.
+/// it. Then nothing but verdicts is written.
 pub fn run(args: &mut MergeArgs) -> Result<()> {
     args.threads.start()?;
     args.maps = local_files(&args.maps, &|text| console::step(args.quiet, text))?;

@@ -14,7 +14,7 @@ use loopbox::results::MANIFEST;
 ///
 /// # Errors
 /// When a map cannot be read or is not a LiDAR's, no two of the maps met, the results cannot be written, or the user
-/// ended it. Then nothing is written.
+/// ended it. Then nothing but verdicts is written.
 pub fn run(args: &MergeArgs, params: LidarMergeParams) -> Result<()> {
     let stop = stop_on_ctrl_c("stopping after this step; no map will be written (Ctrl-C again to abort)")?;
     let mut stage = |text: &str| console::step(args.quiet, text);
