@@ -1,13 +1,15 @@
 //! Doubles: places that share what is made in numbers, the plan, posters, frames, goods, and differ in a share of their things,
 //! each surface with a grain of its own or without; and the same places again after a share of their things has moved.
 
+mod further_plans;
 mod plans;
+mod stuffs;
 
 use crate::trajectory::look;
 use crate::{Cuboid, Grain, Texture, World};
 use geometry::{Random, Se3};
 use nalgebra::{UnitQuaternion, Vector3};
-use std::sync::LazyLock;
+use stuffs::{PICTURES, PLASTER, STUFFS, TILES};
 
 /// What places of one kind have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,6 +40,20 @@ pub enum Kind {
     Papered,
     /// Arches of a viaduct, each a workshop's front.
     Arches,
+    /// A train's carriage, seen from its aisle: seats of one cloth, tables, and a station behind the windows.
+    Carriage,
+    /// A car park under ground: pillars, beams and bays to 10 m, in which cars of few makes stand.
+    Garage,
+    /// A lecture hall: rising rows of folding seats behind long desks, few things on them.
+    Lectures,
+    /// A library's stacks, seen from their ends: books on either side of the aisles between them.
+    Library,
+    /// A changing room: two rows of lockers close by, which little but their numbers tells from others.
+    Lockers,
+    /// A war cemetery: equal stones in rows on a lawn, each with an inscription.
+    Graves,
+    /// A tunnel of equal rings for cables on trays, seen along it to 14 m.
+    Tunnel,
 }
 
 /// Which of the places of a kind, and when.
@@ -57,52 +73,27 @@ pub struct Version {
     pub grain: f32,
 }
 
-/// Pictures that things of all places wear, each another part of one.
-static PICTURES: LazyLock<Vec<Texture>> = LazyLock::new(|| (900..908).map(Texture::varied).collect());
-/// Plaster, brick, wood, tiles, a carpet.
-static STUFFS: LazyLock<[Texture; 6]> = LazyLock::new(|| {
-    let joint = |v: usize, step: usize| v % step < 3;
-    let tone = |x: usize, y: usize| (Random::new((x * 977 + y) as u64).unit() as f32 - 0.5) * 30.0;
-    [
-        Texture::painted(|_, _| 168.0),
-        Texture::painted(move |x, y| {
-            let (row, column) = (y / 32, (x + y / 32 % 2 * 32) / 64 % 16);
-            let is_joint = joint(y, 32) || joint(x + row % 2 * 32, 64);
-            if is_joint { 150.0 } else { 105.0 + tone(column, row) }
-        }),
-        Texture::painted(move |x, y| {
-            let plank = x / 64;
-            let waves = (x as f32 * 0.9).sin() * 4.0 + ((y as f32) * 0.012 + plank as f32).sin() * 6.0;
-            if joint(x, 64) { 70.0 } else { 120.0 + tone(plank, 7) + waves }
-        }),
-        Texture::painted(move |x, y| if joint(x, 128) || joint(y, 128) { 120.0 } else { 196.0 }),
-        Texture::varied(77),
-        Texture::painted(|x, y| 178.0 + printed(x % 256, y % 256)),
-    ]
-});
-const PLASTER: usize = 0;
-const BRICK: usize = 1;
-const WOOD: usize = 2;
-const TILES: usize = 3;
-const CARPET: usize = 4;
-const PAPER: usize = 5;
-
-/// A fine pattern of some 4 grey levels, printed: blots of several sizes.
-fn printed(x: usize, y: usize) -> f32 {
-    let blots = [4usize, 8, 16, 32].iter().map(|size| {
-        let at = (x / size * 7919 + y / size) as u64;
-        Random::new(at ^ (*size as u64) << 40).unit() as f32 - 0.5
-    });
-    7.0 * blots.sum::<f32>()
-}
-
 impl Kind {
     /// The kinds that limits may be set on.
     pub const TUNED: [Self; 6] =
         [Self::Posters, Self::Facade, Self::Aisle, Self::Office, Self::Empty, Self::Hall];
     /// The kinds that are shown only.
-    pub const HELD_OUT: [Self; 7] =
-        [Self::Lobby, Self::Hotel, Self::Stairs, Self::Row, Self::Mirrored, Self::Papered, Self::Arches];
+    pub const HELD_OUT: [Self; 14] = [
+        Self::Lobby,
+        Self::Hotel,
+        Self::Stairs,
+        Self::Row,
+        Self::Mirrored,
+        Self::Papered,
+        Self::Arches,
+        Self::Carriage,
+        Self::Garage,
+        Self::Lectures,
+        Self::Library,
+        Self::Lockers,
+        Self::Graves,
+        Self::Tunnel,
+    ];
 
     /// A place of this kind around the origin, to be seen towards +z.
     pub fn world(self, version: &Version) -> World {
@@ -122,6 +113,13 @@ impl Kind {
             Self::Mirrored => built.mirrored(),
             Self::Papered => built.papered(),
             Self::Arches => built.arches(),
+            Self::Carriage => built.carriage(),
+            Self::Garage => built.garage(),
+            Self::Lectures => built.lectures(),
+            Self::Library => built.library(),
+            Self::Lockers => built.lockers(),
+            Self::Graves => built.graves(),
+            Self::Tunnel => built.tunnel(),
         }
         built.world
     }
@@ -131,7 +129,8 @@ impl Kind {
     pub fn path(self, pass: u64, count: usize) -> Vec<Se3> {
         let mut random = Random::new(0xd0b1 + pass.wrapping_mul(7919));
         let mut uniform = |low, high| f64::from(random.uniform(low, high));
-        let reach = if matches!(self, Self::Facade | Self::Row | Self::Hall) { 1.6 } else { 1.0 };
+        let is_large = matches!(self, Self::Facade | Self::Row | Self::Hall | Self::Graves);
+        let reach = if is_large { 1.6 } else { 1.0 };
         let middle = Vector3::new(uniform(-0.2, 0.2), uniform(-1.5, -1.3), uniform(-0.3, 0.1)) * reach;
         let (yaw, pitch) = (uniform(-0.1, 0.1), uniform(0.02, 0.08));
         let sense = if uniform(0.0, 1.0) < 0.3 { -1.0 } else { 1.0 };

@@ -2,7 +2,7 @@
 //! its things moved: the first must not be merged, the second should be.
 //!
 //! The maps are exact, straight from the renderer: what is measured is the verdict, and neither tracking nor mapping.
-//! Every pair is merged by itself. On half of the kinds limits may be set ([`Kind::TUNED`]); the others are shown only
+//! Every pair is merged by itself. On six of the kinds limits may be set ([`Kind::TUNED`]); the others are shown only
 //! ([`Kind::HELD_OUT`]).
 
 #[path = "../../../merge/tests/meetings/rendered.rs"]

@@ -1,6 +1,7 @@
 //! How places of each kind are built.
 
-use super::{BRICK, Built, CARPET, PAPER, PLASTER, TILES, WOOD};
+use super::Built;
+use super::stuffs::{BRICK, CARPET, PAPER, PLASTER, TILES, WOOD};
 use geometry::Se3;
 use nalgebra::Vector3;
 
@@ -8,11 +9,9 @@ impl Built {
     pub(super) fn posters(&mut self) {
         let place = self.version.place as usize;
         self.room([[WOOD, TILES, CARPET][place / 4 % 3], place % 4, (place + 1) % 4], 2.8, 2.6);
-        let share = std::mem::replace(&mut self.version.share, 0.0);
         for x in [-1.1, 0.0, 1.1] {
-            self.piece(Vector3::new(x, -1.5, 2.78), Vector3::new(0.8, 1.0, 0.0), 0.0, 0.003);
+            self.print(Vector3::new(x, -1.5, 2.78), Vector3::new(0.8, 1.0, 0.0), 0.003);
         }
-        self.version.share = share;
         for x in [-1.7, 1.6] {
             self.piece(Vector3::new(x, -0.3, 2.3), Vector3::new(0.5, 0.6, 0.4), 0.3, 0.003);
         }
