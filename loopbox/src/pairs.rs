@@ -4,10 +4,11 @@ use crate::blobs;
 use crate::common_map::manifest::refuse_one;
 use crate::lidar;
 use crate::lidar::merging::{LidarMergeParams, verdicts::LidarVerdicts};
-use crate::merging::verdicts::CameraVerdicts;
+use crate::merging::verdicts::{CameraVerdicts, camera_key};
 use crate::merging::{self, KnownBefore, MergeWatcher, MergingParams, proposed};
 use crate::open::{Sensors, sensors_at};
 use crate::swapping::SwapFiles;
+use crate::verdicts::{MapDigest, Verdicts};
 use anyhow::{Result, anyhow, bail};
 use place_recog::Vocabulary;
 use serde::Serialize;
@@ -59,6 +60,19 @@ pub fn find_verdict(
             maps[1].display()
         ),
     }
+}
+
+/// Whether the verdict on two maps of cameras is kept already, for which their files are hashed and not read as maps. Of other sensors nothing is
+/// said before their maps are read.
+///
+/// # Errors
+/// When a file cannot be read, or where verdicts are kept cannot be looked at.
+pub fn is_verdict_kept(maps: &[PathBuf; 2], options: &VerdictOptions) -> Result<bool> {
+    let Some(place) = options.verdicts.as_deref().filter(|_| sensors_at(maps) == Sensors::Cameras) else {
+        return Ok(false);
+    };
+    let [a, b] = [MapDigest::of(&maps[0])?, MapDigest::of(&maps[1])?];
+    Verdicts::at(place)?.has(&camera_key([&a, &b], &options.cameras))
 }
 
 fn of_cameras(

@@ -255,9 +255,9 @@ def _place(name: str) -> StrPath:
     return name if "://" in name else Path(name)
 
 
-def _judge(a: StrPath, b: StrPath, verdicts: str) -> bool:
-    """A worker's task."""
-    return _loopbox.verdict(a, b, verdicts=verdicts, threads=1)[0]
+def _judge(a: StrPath, b: StrPath, verdicts: str) -> None:
+    """A worker's task, which may be asked again when the worker that did it is gone."""
+    _loopbox.keep_verdict(a, b, verdicts)
 
 
 def _over(

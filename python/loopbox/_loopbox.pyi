@@ -202,6 +202,7 @@ def verdict(
     verdicts: StrPath | None = None,
     threads: int | None = None,
 ) -> tuple[bool, str, str]: ...
+def keep_verdict(a: StrPath, b: StrPath, verdicts: StrPath) -> None: ...
 def evaluate(
     estimate: StrPath,
     truth: StrPath,

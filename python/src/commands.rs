@@ -9,7 +9,7 @@ use loopbox::blobs::{local_files, local_pair, local_recording, recordings_at};
 use loopbox::lidar::{self, LidarMergeOptions};
 use loopbox::merging::MergingParams;
 use loopbox::open::{Sensors, sensors_at};
-use loopbox::pairs::{ProposedPair, VerdictOptions, find_verdict, propose_pairs};
+use loopbox::pairs::{ProposedPair, VerdictOptions, find_verdict, is_verdict_kept, propose_pairs};
 use loopbox::run::{FrameRow, PreparedRun, Progress, Recording, RunOptions, state_name};
 use loopbox::{MergeOptions, merge_maps};
 use pyo3::exceptions::PyValueError;
@@ -178,6 +178,22 @@ pub fn verdict(
         })
     });
     evaluated.map_err(failed)
+}
+
+/// Judges two maps for the verdicts that are kept in `verdicts`, by one thread; what is kept is not looked at again.
+#[pyfunction]
+pub fn keep_verdict(py: Python<'_>, a: PathBuf, b: PathBuf, verdicts: PathBuf) -> PyResult<()> {
+    let options = VerdictOptions { verdicts: Some(verdicts), ..VerdictOptions::default() };
+    let kept = py.detach(|| {
+        on_threads(Some(1), || {
+            let maps = local_pair(&[a, b], &|_| {})?;
+            if !is_verdict_kept(&maps, &options)? {
+                find_verdict(&maps, &options, &Stop::default(), &())?;
+            }
+            Ok(())
+        })
+    });
+    kept.map_err(failed)
 }
 
 /// The pairs of maps that may show one place, the likeliest first, by their places among `maps`; and how likely each is.

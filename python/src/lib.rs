@@ -41,7 +41,7 @@ mod _loopbox {
     #[pymodule_export]
     use super::agent::{Agent, Frame};
     #[pymodule_export]
-    use super::commands::{evaluate, merge, propose, recordings, run, verdict};
+    use super::commands::{evaluate, keep_verdict, merge, propose, recordings, run, verdict};
     #[pymodule_export]
     use super::maps::{Cloud, Keyframe, Map};
     use pyo3::prelude::*;

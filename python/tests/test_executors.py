@@ -23,6 +23,12 @@ def test_verdicts_of_a_pool_of_processes_give_the_same_map(runs, tmp_path):
     found = loopbox.verdict(folders[1], folders[0], verdicts=tmp_path / "again")
     assert found.joined and "accepted" in found.text and found.encounters[0]["accepted"]
     assert content(tmp_path / "again") == kept
+    # A task that is asked again reads nothing: who reads what is kept says that it is none.
+    verdict = next((tmp_path / "again").iterdir())
+    verdict.write_bytes(b"none")
+    loopbox._judge(*folders, str(tmp_path / "again"))
+    with pytest.raises(loopbox.LoopboxError, match=verdict.name):
+        loopbox.verdict(*folders, verdicts=tmp_path / "again")
     assert [pair[:2] for pair in loopbox.propose(folders)] == [tuple(folders)]
 
 

@@ -1,20 +1,25 @@
-//! Prints how true the stated uncertainties of live poses are, on rendered recordings.
+//! Prints how true the stated uncertainties of live poses, readout times and scales are, on rendered recordings.
 //!
 //! ```text
 //! cargo run --release -p loopbox-slam-direct --example nees -- SEEDS [FIRST SEED]
 //! cargo run --release -p loopbox-slam-direct --example nees -- readout SEEDS [FIRST SEED]
+//! cargo run --release -p loopbox-slam-direct --example nees -- scale SEEDS [FIRST SEED]
 //! ```
 
 #[path = "../tests/nees/measure.rs"]
 mod measure;
+#[path = "../tests/nees/scale.rs"]
+mod scale;
 
 use geometry::median;
 use loopbox_tests::doubles::{Kind as Place, Version};
 use loopbox_tests::moving::{Mover, moving};
+use loopbox_tests::robot::Drive;
 use loopbox_tests::{Recording, World, trajectory};
 use map::AgentInfo;
 use measure::{Nees, mean, measure};
 use place_recog::ThumbnailIndex;
+use scale::measure_scale;
 use slam_direct::{Agent, Frame, Params};
 
 /// Frames of a recording, and frames a second.
@@ -36,9 +41,12 @@ fn rolling(seed: u64) -> Recording {
         .with_noise(2.0, seed)
 }
 
+fn world(kind: Place, seed: u64) -> World {
+    kind.world(&Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 4.0 })
+}
+
 fn place(kind: Place, seed: u64) -> Recording {
-    let world = kind.world(&Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 4.0 });
-    Recording::render(&world, Recording::SMALL_CAMERA, &kind.path(0, FRAMES.0), FRAMES.1)
+    Recording::render(&world(kind, seed), Recording::SMALL_CAMERA, &kind.path(0, FRAMES.0), FRAMES.1)
         .with_noise(2.0, seed)
 }
 
@@ -55,12 +63,14 @@ const KINDS: [(&str, Render); 8] = [
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let of_readout = arguments.first().is_some_and(|argument| argument == "readout");
+    let what = arguments.first().filter(|argument| ["readout", "scale"].contains(&argument.as_str()));
     let numbers: Vec<u64> =
-        arguments.iter().skip(usize::from(of_readout)).map(|number| number.parse().unwrap()).collect();
+        arguments.iter().skip(usize::from(what.is_some())).map(|number| number.parse().unwrap()).collect();
     let (count, first) = (numbers.first().copied().unwrap_or(3), numbers.get(1).copied().unwrap_or(1));
-    if of_readout {
-        return print_readouts(first..first + count);
+    match what.map(String::as_str) {
+        Some("readout") => return print_readouts(first..first + count),
+        Some(_) => return print_scales(first..first + count),
+        None => {}
     }
     println!(
         "| recordings | frames | NEES of poses: mean, median | positions | rotations |\n|---|---|---|---|---|"
@@ -85,6 +95,51 @@ fn row(name: &str, all: &[Nees]) {
         mean(all.iter().map(|nees| nees.position)),
         mean(all.iter().map(|nees| nees.rotation)),
     );
+}
+
+/// What is rendered of a seed to tell scales, and the world that it shows.
+type RenderWorld = fn(u64) -> (Recording, World);
+
+const SCALED: [(&str, RenderWorld); 8] = [
+    ("a walk, noise 0", |seed| (walk(seed, 0.0), World::yard(seed))),
+    ("a walk, noise 2", |seed| (walk(seed, 2.0), World::yard(seed))),
+    ("a walk, noise 6", |seed| (walk(seed, 6.0), World::yard(seed))),
+    ("a walk, rows read in 20 ms", |seed| (rolling(seed), World::yard(seed))),
+    ("an office", |seed| (place(Place::Office, seed), world(Place::Office, seed))),
+    ("an aisle", |seed| (place(Place::Aisle, seed), world(Place::Aisle, seed))),
+    ("a row of houses", |seed| (place(Place::Row, seed), world(Place::Row, seed))),
+    ("a robot turns on the spot", |seed| (Drive::of(seed).recording(), Drive::of(seed).world())),
+];
+
+/// Prints how true it is how well a scale is said to be known from keyframe to keyframe.
+fn print_scales(seeds: std::ops::Range<u64>) {
+    println!(
+        "| recordings | cuts | RMS error | RMS deviation | NEES: mean, median | within two deviations |\n\
+         |---|---|---|---|---|---|"
+    );
+    let mut all = Vec::new();
+    let row = |name: &str, cuts: &[[f64; 2]]| {
+        let rms = |i: usize| mean(cuts.iter().map(|cut| cut[i] * cut[i])).sqrt();
+        let mut nees: Vec<f64> = cuts.iter().map(|[error, deviation]| (error / deviation).powi(2)).collect();
+        let within = nees.iter().filter(|nees| **nees < 4.0).count();
+        println!(
+            "| {name} | {} | {:.2} % | {:.2} % | {:.2}, {:.2} | {:.0} % |",
+            cuts.len(),
+            100.0 * rms(0),
+            100.0 * rms(1),
+            mean(nees.iter().copied()),
+            median(&mut nees).unwrap_or(f64::NAN),
+            100.0 * within as f64 / cuts.len() as f64
+        );
+    };
+    for (name, render) in SCALED {
+        let measured =
+            seeds.clone().map(render).flat_map(|(recording, world)| measure_scale(&recording, &world));
+        let own: Vec<[f64; 2]> = measured.collect();
+        row(name, &own);
+        all.extend(own);
+    }
+    row("**all**", &all);
 }
 
 /// Readout times that are rendered, seconds.

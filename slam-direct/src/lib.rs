@@ -63,4 +63,4 @@ pub use judge::{ClaimedPlace, JudgePlace, PlacedView};
 pub use mask::LeftOut;
 pub use params::Params;
 pub use recognise::{Hypothesis, KnownView, Recognise};
-pub use scale::ScaleBreak;
+pub use scale::{CarriedScale, ScaleBreak, ScaleDeviation};

@@ -63,32 +63,52 @@ impl ScaleBreak {
     }
 }
 
+/// How well the scale is known that is carried over a cut.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ScaleDeviation {
+    /// The last keyframe before it.
+    pub before: KeyframeId,
+    /// Standard deviation of the logarithm of the scale on one side over that on the other.
+    pub deviation: f64,
+}
+
+/// How the scale of a map is carried on from keyframe to keyframe.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct CarriedScale {
+    /// Where it is not, in order; of cuts beside each other the one that fewest points agree across. On either side there are
+    /// [some](LEAST) points of known depth.
+    pub breaks: Vec<ScaleBreak>,
+    /// How well it is known at the cuts that at least as many points measure, in order. A cut that a loop spans is not among them, nor
+    /// one with too little on either side.
+    pub deviations: Vec<ScaleDeviation>,
+}
+
 /// Keyframes behind a cut after which most of what tells the scale across it was seen.
 const SETTLED: usize = 8;
 /// Keyframes before it whose points are asked while the camera is tracked.
 const RECENT: usize = 40;
 
-/// Where the scale of a map is not carried, in order; of cuts beside each other the one that fewest points agree across. On either side there
-/// are [some](LEAST) points of known depth. A loop in `closed` carries it over what it spans.
-pub(crate) fn scale_breaks(map: &LocalMap, closed: &[Edge], params: &Params) -> Vec<ScaleBreak> {
+/// How the scale of a map is carried on. A loop in `closed` carries it over what it spans.
+pub(crate) fn carried_scale(map: &LocalMap, closed: &[Edge], params: &Params) -> CarriedScale {
     let cuts = map.keyframes.len().saturating_sub(1);
-    let mut breaks: Vec<ScaleBreak> = Vec::new();
+    let mut carried = CarriedScale::default();
     let mut last = None;
     for begin in (0..cuts).step_by(AT_ONCE) {
         let spanning = spanning(map, begin..(begin + AT_ONCE).min(cuts), 0);
         let found = spanning.par_iter().enumerate();
-        let found: Vec<_> =
-            found.map(|(i, points)| break_at(map, closed, begin + i, points, params)).collect();
-        for (cut, found) in (begin..).zip(found).filter_map(|(cut, found)| Some((cut, found?))) {
+        let found: Vec<_> = found.map(|(i, points)| across(map, closed, begin + i, points, params)).collect();
+        for (cut, across) in (begin..).zip(found).filter_map(|(cut, across)| Some((cut, across?))) {
+            carried.deviations.extend(across.deviation());
+            let Some(found) = across.scale_break() else { continue };
             let is_beside = last.replace(cut).is_some_and(|last| last + 1 == cut);
-            match breaks.last_mut().filter(|_| is_beside) {
+            match carried.breaks.last_mut().filter(|_| is_beside) {
                 Some(beside) if beside.inliers <= found.inliers => {}
                 Some(beside) => *beside = found,
-                None => breaks.push(found),
+                None => carried.breaks.push(found),
             }
         }
     }
-    breaks
+    carried
 }
 
 /// The same of one cut, some keyframes before the newest: told once, while the camera is tracked.
@@ -116,7 +136,7 @@ fn break_behind(
     params: &Params,
 ) -> Option<ScaleBreak> {
     let points = spanning(map, cut..cut + 1, first);
-    break_at(map, closed, cut, &points[0], params)
+    across(map, closed, cut, &points[0], params)?.scale_break()
 }
 
 /// Whether a loop joins keyframes of both sides.
@@ -145,14 +165,22 @@ fn may_tell(point: &PointState) -> bool {
     point.alive && point.observations.len() >= 2 && point.variance <= (TELLS * point.inverse_depth).powi(2)
 }
 
-/// The break behind a keyframe, if what goes on there has a scale of its own and the points seen on both sides agree no more than by chance.
-fn break_at(
+/// What points tell of the scale across a cut.
+struct Across {
+    /// The last keyframe before it.
+    before: KeyframeId,
+    /// Lengths that lie within three deviations of the map's, each with how far it is off in units of the range within which a point agrees.
+    measured: Vec<(Length, f64)>,
+}
+
+/// What the points seen on both sides of a cut tell of its scale; nothing where a loop spans it, or one side has no scale of its own.
+fn across(
     map: &LocalMap,
     closed: &[Edge],
     cut: usize,
     points: &[PointRef],
     params: &Params,
-) -> Option<ScaleBreak> {
+) -> Option<Across> {
     let (before, after) = map.keyframes.split_at(cut + 1);
     let is_enough = |side: &[Shared<KeyframeState>]| {
         let known = side.iter().flat_map(|state| &state.points).filter(|p| p.alive && p.is_known());
@@ -163,15 +191,34 @@ fn break_at(
     }
     let step = points.len().div_ceil(MOST).max(1);
     let lengths = points.iter().step_by(step).filter_map(|&at| length_across(map, cut, at));
-    // In units of the range within which a point agrees.
     let relative = |length: Length| {
-        length.log.abs() / AGREES.min(BY_CHANCE * f64::from(params.track.max_shift) / length.flow)
+        let off = length.log.abs() / AGREES.min(BY_CHANCE * f64::from(params.track.max_shift) / length.flow);
+        (length, off)
     };
-    let measured: Vec<f64> = lengths.map(relative).filter(|&v| v <= BY_CHANCE.recip()).collect();
-    let points = measured.len();
-    let inliers = measured.iter().filter(|&&v| v <= 1.0).count();
-    let is_carried = at_least_by_chance(inliers, points) <= SIGNIFICANT;
-    (!is_carried).then_some(ScaleBreak { before: LocalMap::id(cut), points, inliers })
+    let measured = lengths.map(relative).filter(|(_, off)| *off <= BY_CHANCE.recip()).collect();
+    Some(Across { before: LocalMap::id(cut), measured })
+}
+
+impl Across {
+    /// The break, if the points agree no more than by chance.
+    fn scale_break(&self) -> Option<ScaleBreak> {
+        let points = self.measured.len();
+        let inliers = self.measured.iter().filter(|(_, off)| *off <= 1.0).count();
+        let is_carried = at_least_by_chance(inliers, points) <= SIGNIFICANT;
+        (!is_carried).then_some(ScaleBreak { before: self.before, points, inliers })
+    }
+
+    /// How well the scale is known: to the deviation of the points' weighted mean, by their spread where that is larger than stated, and
+    /// no better than that mean agrees with the map. `None` of fewer than [`LEAST`] points.
+    fn deviation(&self) -> Option<ScaleDeviation> {
+        let lengths = || self.measured.iter().map(|(length, _)| (length.sigma.powi(-2), length.log));
+        let weight: f64 = lengths().map(|(weight, _)| weight).sum();
+        let mean = lengths().map(|(weight, log)| weight * log).sum::<f64>() / weight;
+        let cost: f64 = lengths().map(|(weight, log)| weight * (log - mean).powi(2)).sum();
+        let spread = (cost / self.measured.len() as f64).max(1.0);
+        let deviation = mean.hypot((spread / weight).sqrt());
+        (self.measured.len() >= LEAST).then_some(ScaleDeviation { before: self.before, deviation })
+    }
 }
 
 /// Probability that at least so many of `count` points agree by chance: the tail of a binomial distribution.
@@ -201,7 +248,7 @@ struct View {
 struct Length {
     /// Its logarithm, less that of the map's, to first order.
     log: f64,
-    /// Standard deviation of that.
+    /// Standard deviation of that, with what the depth is uncertain by.
     sigma: f64,
     /// By so many pixels the point moves in the view as it grows by one.
     flow: f64,
@@ -219,7 +266,8 @@ fn length_across(map: &LocalMap, cut: usize, at: PointRef) -> Option<Length> {
     let (world, depth_sigma) = depth_by(map, known, &world)?;
     let lengths = others.iter().filter_map(|view| length_by(map, view, &world, from));
     let best = lengths.min_by(|a, b| a.sigma.total_cmp(&b.sigma))?;
-    (depth_sigma.hypot(best.sigma) <= TELLS).then_some(best)
+    let sigma = depth_sigma.hypot(best.sigma);
+    (sigma <= TELLS).then_some(Length { sigma, ..best })
 }
 
 /// All views of a point in order of the keyframes.

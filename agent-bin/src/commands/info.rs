@@ -3,8 +3,10 @@
 use super::info_map;
 use super::run_scans::{self, ScanArgs, SensorChoice};
 use super::survey::Survey;
+use crate::console;
 use anyhow::Result;
 use clap::Args;
+use loopbox::blobs::local_recording;
 use loopbox::open::is_map;
 use sources::SourceOptions;
 use sources::correction::CameraOptions;
@@ -13,7 +15,8 @@ use std::path::PathBuf;
 /// Arguments of `loopbox info`.
 #[derive(Args, Debug)]
 pub struct InfoArgs {
-    /// A recording (folder of images or scans, MCAP file, ROS 1 or ROS 2 bag, or video file) or a map (map.mcap, or the folder of a run)
+    /// A recording (folder of images or scans, MCAP file, ROS 1 or ROS 2 bag, or video file) or a map (map.mcap, or the folder of a run);
+    /// or the URI of one in a bucket
     path: PathBuf,
     /// Frames per second of images without time stamps
     #[arg(long, value_name = "RATE")]
@@ -34,14 +37,15 @@ pub struct InfoArgs {
 /// # Errors
 /// When it is neither, and of a recording of which a run would be refused.
 pub fn execute(args: &InfoArgs) -> Result<()> {
-    if is_map(&args.path) {
-        return info_map::run(&args.path, args.json);
+    let path = local_recording(&args.path, &|text| console::step(args.json, text))?;
+    if is_map(&path) {
+        return info_map::run(&path, args.json);
     }
     let wanted = ScanArgs { sensor: args.sensor, ..ScanArgs::default() };
-    if let Some(scans) = run_scans::open(&args.path, args.topic.as_deref(), &wanted)? {
+    if let Some(scans) = run_scans::open(&path, args.topic.as_deref(), &wanted)? {
         return Survey::of_scans(scans).print(args.json);
     }
     let options = SourceOptions { fps: args.fps, topic: args.topic.clone(), all_frames: false };
-    let source = sources::open(&args.path, &options)?;
-    Survey::of_images(source, &args.path, &CameraOptions::default(), None).print(args.json)
+    let source = sources::open(&path, &options)?;
+    Survey::of_images(source, &path, &CameraOptions::default(), None).print(args.json)
 }

@@ -156,6 +156,12 @@ mod served {
         assert!(here == there && said.contains("copying s3://bucket/recordings/left, "), "{said}");
         let (again, said) = map("s3://bucket/recordings/left/", "again");
         assert!(here == again && !said.contains("copying"), "{said}");
+        let told = |place: &str| texts(&run(&server, &case, &["info", place]))[0].clone();
+        let (here, there) = (told(arg(&recording)), told("s3://bucket/recordings/left"));
+        assert!(there.contains("frames") && here.lines().count() == there.lines().count(), "{here}\n{there}");
+        server.put("maps/left/map.mcap", &fs::read(runs.run("left").join("map.mcap")).unwrap());
+        let map = told("s3://bucket/maps/left");
+        assert!(map.contains("keyframes"), "{map}");
         let refused = run(&server, &case, &["run", "s3://bucket/recordings/none"]);
         let [_, said] = texts(&refused);
         assert!(refused.status.code() == Some(1), "{said}");

@@ -2,8 +2,8 @@
 
 use super::judge::Seen;
 use geometry::{Pinhole, Se3};
-use loopbox_tests::covered::{AFTER, BEFORE, COVERED, Uncovered, covered};
-use loopbox_tests::doubles::Kind as Place;
+use loopbox_tests::covered::{AFTER, BEFORE, COVERED, RATE, Uncovered, covered};
+use loopbox_tests::doubles::{Kind as Place, Version};
 use loopbox_tests::moving::{Mover, moving};
 use loopbox_tests::robot::Drive;
 use loopbox_tests::streets::{Return, round_the_block};
@@ -21,6 +21,8 @@ const GRAIN: f32 = 4.0;
 const DRIVES: u64 = 4;
 /// Frames in which a camera turns there and back before it moves, frames while it moves, and frames a second.
 const PANNED: (usize, usize, f64) = (120, 150, 30.0);
+/// The same of one that turns in a place before it passes it, and how far, radians.
+const PANNED_THERE: (usize, usize, f64) = (60, 90, 0.4);
 /// Standard deviation of the noise of a camera that turns first, grey levels.
 const NOISE: f64 = 2.0;
 
@@ -33,6 +35,8 @@ pub enum Kind {
     Robot(u64),
     /// The camera turns for four seconds before it moves.
     TurnsFirst,
+    /// It turns for two seconds in a place before it passes it.
+    Late(Place),
     /// It drives more than 200 m round a block and comes back to a street.
     Loop(Return),
     /// It is covered for 0.8 s in a place, and uncovered there or elsewhere.
@@ -49,11 +53,11 @@ impl Kind {
             Uncovered::Elsewhere(DIFFERING),
             Uncovered::PassingElsewhere(1.0),
         ];
-        let places = Place::TUNED.into_iter().chain(Place::HELD_OUT);
-        let covered = places.flat_map(|place| uncovered.map(|how| Self::Covered(place, how)));
+        let places = || Place::TUNED.into_iter().chain(Place::HELD_OUT);
+        let covered = places().flat_map(|place| uncovered.map(|how| Self::Covered(place, how)));
         let single =
             (0..DRIVES).map(Self::Robot).chain([Self::TurnsFirst]).chain(Return::ALL.map(Self::Loop));
-        moves.chain(single).chain(covered).collect()
+        moves.chain(single).chain(places().map(Self::Late)).chain(covered).collect()
     }
 
     /// Its name on the command line, where several have one.
@@ -62,6 +66,7 @@ impl Kind {
             Self::Moves(mover, _) => format!("{mover:?}").to_lowercase(),
             Self::Robot(_) => "robot".into(),
             Self::TurnsFirst => "turns-first".into(),
+            Self::Late(_) => "late".into(),
             Self::Loop(_) => "loop".into(),
             Self::Covered(..) => "covered".into(),
         }
@@ -78,6 +83,7 @@ impl Kind {
             Self::Moves(Mover::Leaving, _) => "a person walks off".into(),
             Self::Robot(_) => "a robot turns on the spot, its focal length up to 5 % wrong".into(),
             Self::TurnsFirst => "a camera turns for 4 s before it moves".into(),
+            Self::Late(_) => "a camera turns for 2 s before it passes a place".into(),
             Self::Loop(Return::SameLane) => "round a block, back in the same lane".into(),
             Self::Loop(Return::MetreAside) => "round a block, back a metre aside".into(),
             Self::Loop(Return::OtherDirection) => "round a block, back from the other direction".into(),
@@ -103,6 +109,7 @@ impl Kind {
                 Case { assumed: drive.assumed(), ..Case::of_one_place(drive.recording()) }
             }
             Self::TurnsFirst => Case::of_one_place(turns_first(seed)),
+            Self::Late(place) => Case::of_one_place(late(place, seed)),
             Self::Loop(how) => {
                 let drive = round_the_block(how, seed, GRAIN);
                 Case { returning: drive.returning, ..Case::of_one_place(drive.recording) }
@@ -150,14 +157,29 @@ fn turns_first(seed: u64) -> Recording {
     Recording::render(&World::yard(seed), Recording::SMALL_CAMERA, &path, rate).with_noise(NOISE, seed)
 }
 
+/// A camera that turns in a place to one side and back, and passes it only then.
+fn late(place: Place, seed: u64) -> Recording {
+    let (turning, moving, angle) = PANNED_THERE;
+    let pass = place.path(seed, moving);
+    let there =
+        trajectory::turning(pass[0], turning / 2, if seed.is_multiple_of(2) { angle } else { -angle });
+    let path: Vec<Se3> = there.iter().chain(there.iter().rev()).chain(&pass).copied().collect();
+    let world = place.world(&Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain: GRAIN });
+    Recording::render(&world, Recording::SMALL_CAMERA, &path, RATE).with_noise(NOISE, seed)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn every_frame_of_a_recording_shows_something_or_nothing() {
-        let kinds =
-            [Kind::TurnsFirst, Kind::Robot(1), Kind::Covered(Place::Empty, Uncovered::Elsewhere(1.0))];
+        let kinds = [
+            Kind::TurnsFirst,
+            Kind::Late(Place::Hall),
+            Kind::Robot(1),
+            Kind::Covered(Place::Empty, Uncovered::Elsewhere(1.0)),
+        ];
         for kind in kinds {
             let case = kind.recording(3);
             assert_eq!(case.seen.len(), case.recording.shots.len(), "{kind:?}");

@@ -4,7 +4,7 @@ use eval::{AlignMode, Associated, Pose, align};
 use geometry::Sim3;
 use loopbox_tests::scale::{FoundAt, scale_ratio, spread};
 use measuring::median;
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 /// What there is to see in a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,6 +30,8 @@ pub struct Posed {
     pub time: f64,
     pub truth: Pose,
     pub found: Pose,
+    /// Whether it had its pose when it was seen, and not only later.
+    pub is_live: bool,
 }
 
 /// What became of a fragment.
@@ -96,17 +98,71 @@ pub fn gap(posed: &[Posed], (first, last): (f64, f64)) -> Option<f64> {
     median(end.into_iter().filter_map(gap_of).collect())
 }
 
+/// Frames that had no pose when they were seen, beside those that had.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FoundLater {
+    pub frames: usize,
+    /// Those that are [`TIMES`] as far off as live ones, in position or direction.
+    pub off: usize,
+    /// RMS errors of live ones, metres and radians.
+    pub live: [f64; 2],
+    /// Largest errors of live ones, in units of these.
+    pub most_live: [f64; 2],
+    /// Largest errors of those found later, in units of the live ones' RMS errors.
+    pub most: [f64; 2],
+}
+
+/// Live poses' RMS errors by which one that is found later is off at most and right.
+pub const TIMES: f64 = 3.0;
+
+/// Compares frames that were found later with live ones, after the similarity that fits these; none where there are not both.
+pub fn found_later(posed: &[Posed]) -> Option<FoundLater> {
+    let (live, later): (Vec<Posed>, Vec<Posed>) = posed.iter().partition(|p| p.is_live);
+    if later.is_empty() || live.len() < 3 {
+        return None;
+    }
+    let pairs = associated(&live);
+    let fit = fit(&pairs)?;
+    let moved = |posed: &[Posed]| -> Vec<[Vector3<f64>; 2]> {
+        let moved = associated(posed).transformed(&fit);
+        let turn = |a: &Pose, b: &Pose| Rotation3::from_matrix_unchecked(a.rotation * b.rotation.transpose());
+        let each = moved.estimate.iter().zip(&moved.truth);
+        each.map(|(a, b)| [a.translation - b.translation, turn(a, b).scaled_axis()]).collect()
+    };
+    let (live, later) = (moved(&live), moved(&later));
+    // Positions along a line leave a turn about it open.
+    let turn = live.iter().map(|e| e[1]).sum::<Vector3<f64>>() / live.len() as f64;
+    let errors = |moved: &[[Vector3<f64>; 2]]| -> Vec<[f64; 2]> {
+        moved.iter().map(|[shift, turned]| [shift.norm(), (turned - turn).norm()]).collect()
+    };
+    let live = errors(&live);
+    let rms = [0, 1].map(|i| (live.iter().map(|e| e[i] * e[i]).sum::<f64>() / live.len() as f64).sqrt());
+    let relative = |errors: Vec<[f64; 2]>| -> Vec<[f64; 2]> {
+        errors.iter().map(|e| [e[0] / rms[0], e[1] / rms[1]]).collect()
+    };
+    let most = |relative: &[[f64; 2]]| [0, 1].map(|i| relative.iter().map(|e| e[i]).fold(0.0, f64::max));
+    let (later, live) = (relative(errors(&later)), relative(live));
+    let off = later.iter().filter(|e| e[0].max(e[1]) > TIMES).count();
+    Some(FoundLater { frames: later.len(), off, live: rms, most_live: most(&live), most: most(&later) })
+}
+
 /// Frames moved by the similarity that fits the truth.
 fn aligned(posed: &[Posed]) -> Option<Associated> {
-    let pairs = Associated {
+    let pairs = associated(posed);
+    Some(pairs.transformed(&fit(&pairs)?))
+}
+
+fn associated(posed: &[Posed]) -> Associated {
+    Associated {
         timestamps: Some(posed.iter().map(|p| p.time).collect()),
         estimate: posed.iter().map(|p| p.found).collect(),
         truth: posed.iter().map(|p| p.truth).collect(),
-    };
-    match align(&pairs, AlignMode::Sim3) {
-        Ok((_, aligned)) => Some(aligned),
-        Err(_) => Some(pairs.transformed(&along_a_line(&pairs)?)),
     }
+}
+
+/// The similarity that fits the truth.
+fn fit(pairs: &Associated) -> Option<Sim3> {
+    align(pairs, AlignMode::Sim3).map_or_else(|_| along_a_line(pairs), |(fit, _)| Some(fit))
 }
 
 /// The similarity of a drive along a line, whose positions leave a turn about it open: errors do not depend on that turn.
@@ -139,7 +195,8 @@ mod tests {
         let frame = |i: usize| {
             let angle = 0.02 * i as f64;
             let truth = Vector3::new(angle.sin(), 0.0, angle.cos());
-            Posed { seen: seen(i), time: 0.1 * i as f64, truth: pose(truth), found: pose(found(i, truth)) }
+            let (truth, found) = (pose(truth), pose(found(i, truth)));
+            Posed { seen: seen(i), time: 0.1 * i as f64, truth, found, is_live: true }
         };
         (0..100).map(frame).collect()
     }
@@ -169,6 +226,25 @@ mod tests {
     }
 
     #[test]
+    fn a_frame_found_later_is_off_in_units_of_live_ones() {
+        let wobble =
+            |i: usize, at: Vector3<f64>| at + Vector3::y() * if i.is_multiple_of(2) { 0.01 } else { -0.01 };
+        let mut posed = drive(|_| Seen::Place(0), wobble);
+        assert_eq!(found_later(&posed), None);
+        posed.iter_mut().enumerate().for_each(|(i, p)| {
+            p.is_live = i >= 10;
+            p.found.rotation =
+                UnitQuaternion::from_euler_angles(if i.is_multiple_of(2) { 0.01 } else { -0.01 }, 0.0, 0.0);
+        });
+        let right = found_later(&posed).unwrap();
+        assert!((right.frames, right.off) == (10, 0) && (right.live[0] - 0.01).abs() < 1e-3, "{right:?}");
+        posed[3].found.translation.y += 0.1;
+        posed[5].found.rotation = UnitQuaternion::from_euler_angles(0.05, 0.0, 0.0);
+        let off = found_later(&posed).unwrap();
+        assert!(off.off == 2 && off.most[0] > 8.0 && (4.0..6.0).contains(&off.most[1]), "{off:?}");
+    }
+
+    #[test]
     fn the_gap_of_a_drive_that_comes_back_is_what_it_drifted() {
         let pose = |at| Pose::from(Se3::new(UnitQuaternion::identity(), at));
         let drive = |drift: f64| -> Vec<Posed> {
@@ -176,7 +252,8 @@ mod tests {
                 let angle = 0.1 * i as f64;
                 let truth = Vector3::new(angle.sin(), 0.0, angle.cos()) * 10.0;
                 let found = truth * 0.3 + Vector3::y() * (0.3 * drift * i as f64 / 70.0);
-                Posed { seen: Seen::Place(0), time: 0.1 * i as f64, truth: pose(truth), found: pose(found) }
+                let (truth, found) = (pose(truth), pose(found));
+                Posed { seen: Seen::Place(0), time: 0.1 * i as f64, truth, found, is_live: true }
             };
             (0..70).map(frame).collect()
         };

@@ -13,9 +13,10 @@ use crate::side_by_side::side_by_side;
 use anyhow::{Context, Result, bail};
 use cases::{Case, Kind};
 use eval::Pose;
-use judge::{Fragment, Posed, Seen, gap, judge};
+use judge::{FoundLater, Fragment, Posed, Seen, found_later, gap, judge};
 use loopbox_tests::Recording;
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::Path;
 
 /// What became of a recording.
@@ -29,6 +30,8 @@ pub struct Outcome {
     is_reported: bool,
     /// Of a recording that comes back, how.
     returned: Option<Returned>,
+    /// Of each fragment with frames that were found later than they were seen.
+    found_later: Vec<FoundLater>,
 }
 
 /// How a drive that comes back is found to do so.
@@ -73,6 +76,7 @@ fn measure_one(runner: &Runner, kind: Kind, seed: u64) -> Result<Outcome> {
         fragments: posed.iter().map(|fragment| judge(fragment, case.rate())).collect(),
         is_reported: is_reported(&out)?,
         returned: returned(&case, &posed, &out)?,
+        found_later: posed.iter().filter_map(|fragment| found_later(fragment)).collect(),
     };
     std::fs::remove_dir_all(&home).with_context(|| format!("{}: cannot be removed", home.display()))?;
     Ok(outcome)
@@ -81,13 +85,18 @@ fn measure_one(runner: &Runner, kind: Kind, seed: u64) -> Result<Outcome> {
 /// The frames with a pose of each fragment of a run.
 fn posed(case: &Case, out: &Path) -> Result<Vec<Vec<Posed>>> {
     let shots = &case.recording.shots;
+    let run = Run::read(out, Value::Null)?;
+    let is_live = |row: &&Value| row["state"] == "tracking" && row["on_trial"] != true;
+    let live: BTreeSet<u64> =
+        run.rows().iter().filter(is_live).filter_map(|row| row["index"].as_u64()).collect();
     let mut fragments = Vec::new();
     for trajectory in rendering::trajectories(out)? {
         let times = trajectory.timestamps.as_deref().unwrap_or_default();
         let posed = times.iter().zip(&trajectory.world_from_camera).filter_map(|(time, found)| {
             let frame = rendering::nearest(shots, *time)?;
             let truth = Pose::from(shots[frame].world_from_camera);
-            Some(Posed { seen: case.seen[frame], time: *time, truth, found: *found })
+            let is_live = live.contains(&(frame as u64));
+            Some(Posed { seen: case.seen[frame], time: *time, truth, found: *found, is_live })
         });
         fragments.push(posed.collect());
     }

@@ -1,6 +1,6 @@
 //! What is reported of runs on which a tracker may be sure of itself and wrong.
 
-use super::judge::Fragment;
+use super::judge::{FoundLater, Fragment, TIMES};
 use super::{Outcome, Returned};
 use crate::report::MISSING;
 use measuring::median;
@@ -22,6 +22,16 @@ pub fn line(outcome: &Outcome) -> String {
         let gap = returned.gap.map_or(MISSING.to_owned(), |gap| format!("{gap:.2} m"));
         format!("; {} loops, gap {gap}", returned.loops)
     });
+    let later = |later: &FoundLater| {
+        let [metres, radians] = later.live;
+        let live = format!("{:.2} cm, {:.3}°", 100.0 * metres, radians.to_degrees());
+        let [position, direction] = later.most;
+        format!(
+            "; {} found later, {} off, by {position:.1} and {direction:.1} times {live}",
+            later.frames, later.off
+        )
+    };
+    let returned: String = std::iter::once(returned).chain(outcome.found_later.iter().map(later)).collect();
     let reported = if outcome.is_reported { "reported" } else { "nothing reported" };
     format!("{:?} {}: {reported}; {}{returned}", outcome.kind, outcome.seed, fragments.join("; "))
 }
@@ -50,6 +60,48 @@ pub fn section(outcomes: &[Outcome], seeds: &[u64]) -> String {
     let all: Vec<&Outcome> = outcomes.iter().collect();
     let _ = writeln!(text, "| **all** {}", cells(&all));
     text += &loops(outcomes);
+    text += &found_later(outcomes);
+    text
+}
+
+/// The table of frames that were found later than they were seen; nothing where there is none.
+fn found_later(outcomes: &[Outcome]) -> String {
+    let mut rows: Vec<(String, Vec<FoundLater>)> = Vec::new();
+    for outcome in outcomes.iter().filter(|outcome| !outcome.found_later.is_empty()) {
+        let row = outcome.kind.row();
+        match rows.iter_mut().find(|(name, _)| *name == row) {
+            Some((_, own)) => own.extend(&outcome.found_later),
+            None => rows.push((row, outcome.found_later.clone())),
+        }
+    }
+    if rows.is_empty() {
+        return String::new();
+    }
+    let mut text = format!(
+        "\nFrames that had no pose when they were seen and were found later, from before a map or before the camera was found again. *Off*: {TIMES} \
+         times the RMS error of the fragment's live poses, in position or direction, after the similarity that fits these.\n\n\
+         | what happens | fragments with such frames | frames | of these off | fragments with one that is off | live poses' RMS error: median | most of \
+         these, times that: median | most of the found: median, largest |\n|---|---|---|---|---|---|---|---|\n"
+    );
+    for (row, own) in &rows {
+        let of = |value: &dyn Fn(&FoundLater) -> f64| own.iter().map(value).collect::<Vec<f64>>();
+        let number =
+            |value: Option<f64>, digits| value.map_or(MISSING.to_owned(), |v| format!("{v:.digits$}"));
+        let most = of(&|later| later.most[0].max(later.most[1]));
+        let _ = writeln!(
+            text,
+            "| {row} | {} | {} | {} | {} | {} cm, {}° | {} | {}, {} |",
+            own.len(),
+            own.iter().map(|later| later.frames).sum::<usize>(),
+            own.iter().map(|later| later.off).sum::<usize>(),
+            own.iter().filter(|later| later.off > 0).count(),
+            number(median(of(&|later| 100.0 * later.live[0])), 2),
+            number(median(of(&|later| later.live[1].to_degrees())), 3),
+            number(median(of(&|later| later.most_live[0].max(later.most_live[1]))), 1),
+            number(median(most.clone()), 1),
+            number(most.iter().copied().reduce(f64::max), 1)
+        );
+    }
     text
 }
 
@@ -135,6 +187,13 @@ mod tests {
             fragments,
             is_reported,
             returned: None,
+            found_later: vec![FoundLater {
+                frames: 9,
+                off: 2,
+                live: [0.01, 0.001],
+                most_live: [2.0, 2.5],
+                most: [4.0, 1.0],
+            }],
         };
         let outcomes =
             [outcome(false, vec![right]), outcome(true, vec![right, wrong]), outcome(false, vec![wrong])];
@@ -142,6 +201,9 @@ mod tests {
         let row = "| a camera turns for 4 s before it moves | 3 | 66.7 % | 60.0 % | 1 | 1 | 1.10 | 1.0 % |";
         assert!(text.contains(row), "{text}");
         assert!(!text.contains("Drives that come back"));
+        let row =
+            "| a camera turns for 4 s before it moves | 3 | 27 | 6 | 3 | 1.00 cm, 0.057° | 2.5 | 4.0, 4.0 |";
+        assert!(text.contains(row), "{text}");
     }
 
     #[test]
@@ -153,6 +215,7 @@ mod tests {
             fragments: Vec::new(),
             is_reported: false,
             returned: Some(Returned { loops, gap }),
+            found_later: Vec::new(),
         };
         let outcomes =
             [outcome(2, Some(0.1)), outcome(1, Some(7.0)), outcome(0, Some(0.4)), outcome(0, None)];

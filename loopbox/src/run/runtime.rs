@@ -76,6 +76,8 @@ pub struct Run<'a> {
     failure: Option<String>,
     /// Where the scale of a map was not carried on, by the first frame of the map that is made of the rest.
     scale_breaks: BTreeMap<u64, ScaleBreak>,
+    /// Standard deviations of the logarithm of the scale that is carried on behind keyframes, by the index of the keyframe's frame.
+    scale_deviations: BTreeMap<u64, f64>,
 }
 
 impl<'a> Run<'a> {
@@ -108,6 +110,7 @@ impl<'a> Run<'a> {
             restart: false,
             failure: None,
             scale_breaks: BTreeMap::new(),
+            scale_deviations: BTreeMap::new(),
         }
     }
 

@@ -4,7 +4,7 @@ use super::keyframe_insertion::Before;
 use super::{Agent, FrameReport, ResumeMode, State, TrackingState};
 use crate::local_map::{Companions, LocalMap};
 use crate::publish;
-use crate::scale::{ScaleBreak, scale_breaks};
+use crate::scale::{CarriedScale, carried_scale};
 use geometry::{GrayImage, Se3};
 use map::{Described, FramePose, KeyframeId, Map, MapDelta, SharedBytes};
 use std::sync::Arc;
@@ -100,13 +100,13 @@ impl Agent {
         std::mem::take(&mut self.pending_deltas)
     }
 
-    /// Where the scale of the map is not carried from keyframes to those after them, in order, for which each keyframe's points are looked at;
-    /// of a map that was resumed or joined nothing is said.
-    pub fn scale_breaks(&self) -> Vec<ScaleBreak> {
+    /// How the scale of the map is carried from keyframes to those after them, for which each keyframe's points are looked at; of a map that
+    /// was resumed or joined nothing is said.
+    pub fn carried_scale(&self) -> CarriedScale {
         if !self.is_own_map() {
-            return Vec::new();
+            return CarriedScale::default();
         }
-        scale_breaks(&self.view, &self.closed, &self.params)
+        carried_scale(&self.view, &self.closed, &self.params)
     }
 
     /// Whether all of the map is of this run's one camera.

@@ -55,9 +55,9 @@ fn matched_by_chance(mut map: LocalMap, cut: usize, share: f64, seed: u64) -> Lo
 #[test]
 fn a_right_map_carries_its_scale_everywhere() {
     let map = passed(8);
-    assert_eq!(scale_breaks(&map, &[], &Params::default()), []);
+    assert_eq!(carried_scale(&map, &[], &Params::default()).breaks, []);
     let noisy = noisy(map, 0.7);
-    assert_eq!(scale_breaks(&noisy, &[], &Params::default()), []);
+    assert_eq!(carried_scale(&noisy, &[], &Params::default()).breaks, []);
 }
 
 /// Where each keyframe sees its points is off by so many pixels, one standard deviation.
@@ -73,7 +73,7 @@ fn noisy(mut map: LocalMap, sigma: f32) -> LocalMap {
 fn a_scale_that_only_matches_by_chance_carry_is_said_to_break() {
     for (seed, cut) in [(1, 3), (2, 4)] {
         let map = matched_by_chance(shrunk_behind(passed(8), cut, 0.4), cut, 0.2, seed);
-        let found = scale_breaks(&map, &[], &Params::default());
+        let found = carried_scale(&map, &[], &Params::default()).breaks;
         assert_eq!(found.iter().map(|b| b.before).collect::<Vec<_>>(), [LocalMap::id(cut)], "{found:?}");
     }
 }
@@ -92,9 +92,9 @@ fn a_break_is_another_than_the_one_beside_it() {
 #[test]
 fn a_loop_carries_the_scale_over_what_it_spans() {
     let map = matched_by_chance(shrunk_behind(passed(8), 3, 0.4), 3, 0.2, 1);
-    assert_eq!(scale_breaks(&map, &[loop_between(0, 7)], &Params::default()), []);
+    assert_eq!(carried_scale(&map, &[loop_between(0, 7)], &Params::default()).breaks, []);
     assert_eq!(
-        scale_breaks(&map, &[loop_between(0, 3)], &Params::default()).len(),
+        carried_scale(&map, &[loop_between(0, 3)], &Params::default()).breaks.len(),
         1,
         "it ends before the break"
     );
@@ -108,10 +108,10 @@ fn loop_between(from: usize, to: usize) -> Edge {
 #[test]
 fn a_tail_without_a_scale_of_its_own_is_none() {
     let mut map = matched_by_chance(shrunk_behind(passed(8), 5, 0.4), 5, 0.2, 1);
-    assert_eq!(scale_breaks(&map, &[], &Params::default()).len(), 1);
+    assert_eq!(carried_scale(&map, &[], &Params::default()).breaks.len(), 1);
     // What the last two keyframes see has no depth.
     map.keyframes.iter_mut().skip(6).flat_map(|k| &mut k.points).for_each(|point| point.doubt = 1e3);
-    assert_eq!(scale_breaks(&map, &[], &Params::default()), []);
+    assert_eq!(carried_scale(&map, &[], &Params::default()).breaks, []);
 }
 
 #[test]

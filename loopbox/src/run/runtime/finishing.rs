@@ -8,7 +8,7 @@ use crate::run::record::{
 };
 use crate::run::resuming::Kept;
 use map::{AgentId, AgentInfo, FramePose, Identity, KeyframeId, Map, StampedPose};
-use slam_direct::{Agent, ResumeMode, ScaleBreak};
+use slam_direct::{Agent, CarriedScale, ResumeMode};
 use sources::Stop;
 use sources::ahead::Ahead;
 use std::borrow::Cow;
@@ -88,11 +88,11 @@ impl Run<'_> {
         let joint = first.and_then(|first| guarded("the map", || first.joint()).ok()).flatten();
         let map = |agent: &mut Agent| {
             let snapshot = || guarded("the map", || agent.snapshot()).ok();
-            let breaks = || guarded("the scale", || agent.scale_breaks()).ok();
-            let breaks = if complete { breaks().unwrap_or_default() } else { Vec::new() };
+            let carried = || guarded("the scale", || agent.carried_scale()).ok();
+            let carried = if complete { carried().unwrap_or_default() } else { CarriedScale::default() };
             let as_it_stands = if is_whole { None } else { snapshot() };
             let map = agent.take_map();
-            (as_it_stands.unwrap_or(map), breaks)
+            (as_it_stands.unwrap_or(map), carried)
         };
         let maps: Vec<_> = self.atlas.fragments_mut().iter_mut().map(map).collect();
         let maps = self.parts(maps).into_iter().map(|(fragment, map)| self.named(about, fragment, map));
@@ -111,10 +111,14 @@ impl Run<'_> {
     }
 
     /// The maps in parts whose scale is carried throughout, each by the number of a fragment: the first part of a map by its own.
-    fn parts(&mut self, maps: Vec<(Map, Vec<ScaleBreak>)>) -> Vec<(usize, Map)> {
+    fn parts(&mut self, maps: Vec<(Map, CarriedScale)>) -> Vec<(usize, Map)> {
         let mut parts = Vec::new();
         let mut next = maps.len();
-        for (fragment, (map, breaks)) in maps.into_iter().enumerate() {
+        for (fragment, (map, CarriedScale { breaks, deviations })) in maps.into_iter().enumerate() {
+            let known = deviations
+                .iter()
+                .filter_map(|known| Some((map.keyframes.get(&known.before)?.frame_index, known.deviation)));
+            self.scale_deviations.extend(known);
             let ends: Vec<KeyframeId> = breaks.iter().map(|one| one.before).collect();
             for (part, map) in map.cut_behind(&ends).into_iter().enumerate() {
                 let Some(found) = part.checked_sub(1).map(|before| breaks[before]) else {
@@ -284,7 +288,7 @@ impl Run<'_> {
         let fragments: Vec<Fragment> = maps
             .iter()
             .enumerate()
-            .map(|(place, map)| Fragment::new(place, map, &self.scale_breaks))
+            .map(|(place, map)| Fragment::new(place, map, &self.scale_breaks, &self.scale_deviations))
             .collect();
         let own = |map: &Map| map.frames.iter().filter(|frame| self.is_own(map, frame)).count() as u64;
         let tracked = maps.first().map_or(0, own);
