@@ -97,6 +97,9 @@ pub struct Piece {
     pub ln_agreement: f64,
 }
 
+/// Probability that anything may have changed in a place of which nobody knows more.
+const RARELY: f64 = 0.02;
+
 params! {
     /// What is believed of changes and doubles before anything is seen.
     pub struct Prior {
@@ -115,7 +118,10 @@ params! {
         pub days_of_change: f64 = 3.0,
         /// Probability that anything may have changed, however near in time. Range 1e-6–0.5: a room was cleared, goods were put
         /// in anew.
-        pub rearranged: f64 = 0.02,
+        pub rearranged: f64 = RARELY,
+        /// Share of the things up to which `rearranged` holds where it is more than its default: where more differs, the place must be told even
+        /// though hardly anything is expected to have changed. Range 0–1.
+        pub rearranged_up_to: f64 = 1.0,
         /// Probability that what looks like wear is made in numbers: wallpaper, laminate, tiles of one print. Range 1e-6–0.5.
         pub printed: f64 = 0.01,
         /// Share of its wear that a double has in common with a place. Range 1e-6–0.5: the grain of prints of one picture. Of rendered doubles
@@ -132,6 +138,11 @@ params! {
 }
 
 impl Prior {
+    /// What is believed where as much differs as makes nobody expect that the place was rearranged; `None` where that is what is believed anyway.
+    fn of_much(&self) -> Option<Self> {
+        (self.rearranged > RARELY).then(|| Self { rearranged: RARELY, ..self.clone() })
+    }
+
     /// The share of things that is expected to have changed.
     pub fn changed(&self) -> f64 {
         let rest = (-self.days_apart / self.days_of_change).exp();

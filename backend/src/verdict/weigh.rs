@@ -24,8 +24,18 @@ pub struct Weighed {
 }
 
 /// Weighs pieces, each measured once: a surface that several keyframes see is one piece. Their order changes nothing.
-/// Without pieces the ratio is 0.
+/// Without pieces the ratio is 0. Where one place follows though [much](Prior::rearranged_up_to) differs, they are weighed again as of a place
+/// that is hardly ever rearranged.
 pub fn weigh(pieces: &[Piece], prior: &Prior) -> Weighed {
+    let weighed = weighed(pieces, prior);
+    let is_much = weighed.answer.joins() && weighed.changed >= prior.rearranged_up_to;
+    match prior.of_much().filter(|_| is_much) {
+        Some(prior) => self::weighed(pieces, &prior),
+        None => weighed,
+    }
+}
+
+fn weighed(pieces: &[Piece], prior: &Prior) -> Weighed {
     let model = Model::new(prior);
     let order = ordered(pieces);
     let sums = Sums::of(order.iter().map(|&i| &pieces[i]), &model);

@@ -1,11 +1,10 @@
 //! Whether a camera that was found is where it was found, told as for maps that are merged.
 
 use backend::sim3_align::KeyframeView;
-use backend::verdict::weigh;
 use geometry::Pyramid;
 use map::{Keyframe, Map, rectified};
 use merge::key_points::KeyPointParams;
-use merge::place_verdict::{Answer, Piece, PlaceParams, Prior, SeenFrame, Weighed, frames_verdict};
+use merge::place_verdict::{Answer, PlaceParams, Prior, SeenFrame, frames_verdict};
 use merge::prepared::PreparedMap;
 use place_recog::KeyframeFeatures;
 use slam_direct::{ClaimedPlace, JudgePlace, PlacedView};
@@ -25,7 +24,7 @@ const MUCH: f64 = 0.1;
 
 /// What is believed of changes and doubles where a camera comes back: within the reach of one run hardly a place is a copy of another.
 pub(crate) fn prior() -> Prior {
-    Prior { rearranged: REARRANGED, copied: 0.0, ..Prior::default() }
+    Prior { rearranged: REARRANGED, rearranged_up_to: MUCH, copied: 0.0, ..Prior::default() }
 }
 
 /// Judges by all that frames and keyframes see of each surface.
@@ -47,18 +46,8 @@ impl JudgePlace for SurfaceJudge {
         };
         let frames: Vec<SeenFrame> = claim.frames.iter().map(frame).collect();
         let params = PlaceParams { prior: prior(), ..PlaceParams::default() };
-        let found = frames_verdict(&prepared, &frames, &params).weighed;
-        answer_of(&found)
+        frames_verdict(&prepared, &frames, &params).weighed.answer
     }
-}
-
-/// What is said of a place, by what was weighed.
-fn answer_of(found: &Weighed) -> Answer {
-    if !found.answer.joins() || found.changed < MUCH {
-        return found.answer;
-    }
-    let pieces: Vec<Piece> = found.pieces.iter().map(|(piece, _)| *piece).collect();
-    weigh(&pieces, &Prior { copied: 0.0, ..Prior::default() }).answer
 }
 
 /// What an ideal camera would have taken.
@@ -70,7 +59,8 @@ fn ideal(view: &PlacedView, claim: &ClaimedPlace) -> Keyframe {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use merge::place_verdict::PieceKind;
+    use backend::verdict::weigh;
+    use merge::place_verdict::{Piece, PieceKind};
 
     /// Pieces of one thing each: so many whose look agrees, whose look differs, whose wear agrees.
     fn says(looks: usize, others: usize, wear: usize) -> Answer {
@@ -81,7 +71,7 @@ mod tests {
             vec![piece(PieceKind::Look, -30.0); others],
             vec![piece(PieceKind::Wear, 12.0); wear],
         ];
-        answer_of(&weigh(&all.concat(), &prior()))
+        weigh(&all.concat(), &prior()).answer
     }
 
     /// A few things that differ are outweighed by wear, and nothing else; many are not.

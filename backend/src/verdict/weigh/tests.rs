@@ -116,6 +116,24 @@ fn neither_wear_nor_change_says_more_than_its_own_double() {
     assert!((other - prior.rearranged.ln()).abs() < 0.1, "{other}");
 }
 
+/// Wear that agrees outweighs a little that differs in a place that was likely rearranged; where much differs it does so no more than in others.
+#[test]
+fn a_place_that_was_rearranged_is_told_as_others_where_much_differs() {
+    let likely = Prior { rearranged: 0.2, copied: 0.0, ..Prior::default() };
+    let bounded = Prior { rearranged_up_to: 0.1, ..likely.clone() };
+    let rarely = Prior { rearranged: Prior::default().rearranged, ..likely.clone() };
+    let seen = |others: usize| {
+        let wear = vec![piece(PieceKind::Wear, 12.0); 6];
+        [vec![piece(PieceKind::Look, 20.0); 40], vec![piece(PieceKind::Look, -30.0); others], wear].concat()
+    };
+    let ratios = |others| [&likely, &bounded, &rarely].map(|prior| weigh(&seen(others), prior).ln_ratio);
+    let [few, few_bounded, _] = ratios(4);
+    assert_eq!(few, few_bounded);
+    let [much, much_bounded, much_rarely] = ratios(15);
+    assert!(likely.answer(much, 0.2).joins() && much_bounded == much_rarely, "{much} {much_bounded}");
+    assert!(!rarely.answer(much_rarely, 0.2).joins(), "{much_rarely}");
+}
+
 /// A pose at which more is alike explains more, one at which things differ besides explains less, and at the best much is alike.
 #[test]
 fn what_agrees_explains_and_what_differs_does_not() {
