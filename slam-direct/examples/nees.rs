@@ -18,9 +18,7 @@ use loopbox_tests::robot::Drive;
 use loopbox_tests::{Recording, World, trajectory};
 use map::AgentInfo;
 use measure::{Nees, mean, measure};
-use place_recog::ThumbnailIndex;
-use scale::measure_scale;
-use slam_direct::{Agent, Frame, Params};
+use scale::{mapped, measure_scale};
 
 /// Frames of a recording, and frames a second.
 const FRAMES: (usize, f64) = (150, 30.0);
@@ -185,14 +183,7 @@ fn print_readouts(seeds: std::ops::Range<u64>) {
 
 /// Error and stated deviation of the readout time that a recording reveals, seconds; none where it reveals none.
 fn found_readout(recording: &Recording, truth: f64) -> Option<[f64; 2]> {
-    let mut agent =
-        Agent::new(recording.camera, Box::new(ThumbnailIndex::default()), Params::default()).unwrap();
-    for (index, shot) in (0..).zip(&recording.shots) {
-        let (timestamp, image) = (shot.timestamp, shot.image.as_ref().clone());
-        agent.process(Frame { index, timestamp, image, color: None }).unwrap();
-    }
-    agent.finish();
-    let map = agent.into_map();
+    let map = mapped(recording).into_map();
     let sensor = map.agents.values().find_map(AgentInfo::image_sensor)?;
     sensor.is_rolling().then(|| [sensor.readout[1] - truth, sensor.readout_deviation])
 }

@@ -229,17 +229,17 @@ mod tests {
     fn a_frame_found_later_is_off_in_units_of_live_ones() {
         let wobble =
             |i: usize, at: Vector3<f64>| at + Vector3::y() * if i.is_multiple_of(2) { 0.01 } else { -0.01 };
+        let tilted = |angle: f64| *Rotation3::from_euler_angles(angle, 0.0, 0.0).matrix();
         let mut posed = drive(|_| Seen::Place(0), wobble);
         assert_eq!(found_later(&posed), None);
         posed.iter_mut().enumerate().for_each(|(i, p)| {
             p.is_live = i >= 10;
-            p.found.rotation =
-                UnitQuaternion::from_euler_angles(if i.is_multiple_of(2) { 0.01 } else { -0.01 }, 0.0, 0.0);
+            p.found.rotation = tilted(if i.is_multiple_of(2) { 0.01 } else { -0.01 });
         });
         let right = found_later(&posed).unwrap();
         assert!((right.frames, right.off) == (10, 0) && (right.live[0] - 0.01).abs() < 1e-3, "{right:?}");
         posed[3].found.translation.y += 0.1;
-        posed[5].found.rotation = UnitQuaternion::from_euler_angles(0.05, 0.0, 0.0);
+        posed[5].found.rotation = tilted(0.05);
         let off = found_later(&posed).unwrap();
         assert!(off.off == 2 && off.most[0] > 8.0 && (4.0..6.0).contains(&off.most[1]), "{off:?}");
     }

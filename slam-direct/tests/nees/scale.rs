@@ -9,9 +9,8 @@ use slam_direct::{Agent, Frame, Params};
 /// Keyframes on either side of a cut of which the scale is told: as many as see much of what the cut's own do.
 const SIDE: usize = 5;
 
-/// Maps a recording of a world: of each cut between keyframes the error of the logarithm of scale across it, and the standard deviation that is
-/// stated. A keyframe's scale is the median of its depths over the true ones.
-pub fn measure_scale(recording: &Recording, world: &World) -> Vec<[f64; 2]> {
+/// Maps a recording as a whole.
+pub fn mapped(recording: &Recording) -> Agent {
     let mut agent =
         Agent::new(recording.camera, Box::new(ThumbnailIndex::default()), Params::default()).unwrap();
     for (index, shot) in (0..).zip(&recording.shots) {
@@ -19,6 +18,13 @@ pub fn measure_scale(recording: &Recording, world: &World) -> Vec<[f64; 2]> {
         agent.process(Frame { index, timestamp, image, color: None }).unwrap();
     }
     agent.finish();
+    agent
+}
+
+/// Maps a recording of a world: of each cut between keyframes the error of the logarithm of scale across it, and the standard deviation that is
+/// stated. A keyframe's scale is the median of its depths over the true ones.
+pub fn measure_scale(recording: &Recording, world: &World) -> Vec<[f64; 2]> {
+    let agent = mapped(recording);
     let known = agent.carried_scale().deviations;
     let map = agent.into_map();
     let scale = |keyframe: &Keyframe| {
