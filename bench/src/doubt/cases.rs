@@ -150,22 +150,23 @@ impl Case {
 /// A camera that turns to one side and back, and moves only then.
 fn turns_first(seed: u64) -> Recording {
     let (turning, moving, rate) = PANNED;
-    let walk = trajectory::walk(moving, rate, seed);
-    let angle = if seed.is_multiple_of(2) { 0.9 } else { -0.9 };
-    let there = trajectory::turning(walk[0], turning / 2, angle);
-    let path: Vec<Se3> = there.iter().chain(there.iter().rev()).chain(&walk).copied().collect();
+    let path = after_turning(trajectory::walk(moving, rate, seed), turning, 0.9, seed);
     Recording::render(&World::yard(seed), Recording::SMALL_CAMERA, &path, rate).with_noise(NOISE, seed)
 }
 
 /// A camera that turns in a place to one side and back, and passes it only then.
 fn late(place: Place, seed: u64) -> Recording {
     let (turning, moving, angle) = PANNED_THERE;
-    let pass = place.path(seed, moving);
-    let there =
-        trajectory::turning(pass[0], turning / 2, if seed.is_multiple_of(2) { angle } else { -angle });
-    let path: Vec<Se3> = there.iter().chain(there.iter().rev()).chain(&pass).copied().collect();
+    let path = after_turning(place.path(seed, moving), turning, angle, seed);
     let world = place.world(&Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain: GRAIN });
     Recording::render(&world, Recording::SMALL_CAMERA, &path, RATE).with_noise(NOISE, seed)
+}
+
+/// A path behind `count` frames of a turn at its begin by `angle` radians there and back, to the side that the seed says.
+fn after_turning(path: Vec<Se3>, count: usize, angle: f64, seed: u64) -> Vec<Se3> {
+    let angle = if seed.is_multiple_of(2) { angle } else { -angle };
+    let there = trajectory::turning(path[0], count / 2, angle);
+    there.iter().chain(there.iter().rev()).chain(&path).copied().collect()
 }
 
 #[cfg(test)]

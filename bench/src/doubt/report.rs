@@ -31,9 +31,9 @@ pub fn line(outcome: &Outcome) -> String {
             later.frames, later.off
         )
     };
-    let returned: String = std::iter::once(returned).chain(outcome.found_later.iter().map(later)).collect();
+    let later: String = outcome.found_later.iter().map(later).collect();
     let reported = if outcome.is_reported { "reported" } else { "nothing reported" };
-    format!("{:?} {}: {reported}; {}{returned}", outcome.kind, outcome.seed, fragments.join("; "))
+    format!("{:?} {}: {reported}; {}{returned}{later}", outcome.kind, outcome.seed, fragments.join("; "))
 }
 
 /// The table of the results page: a row for each thing that happens.
@@ -64,16 +64,23 @@ pub fn section(outcomes: &[Outcome], seeds: &[u64]) -> String {
     text
 }
 
-/// The table of frames that were found later than they were seen; nothing where there is none.
-fn found_later(outcomes: &[Outcome]) -> String {
-    let mut rows: Vec<(String, Vec<FoundLater>)> = Vec::new();
-    for outcome in outcomes.iter().filter(|outcome| !outcome.found_later.is_empty()) {
-        let row = outcome.kind.row();
+/// What outcomes have, by the row that they are counted in, in the order of the rows; those that have nothing are left out.
+fn by_row<T>(outcomes: &[Outcome], of: impl Fn(&Outcome) -> Vec<T>) -> Vec<(String, Vec<T>)> {
+    let mut rows: Vec<(String, Vec<T>)> = Vec::new();
+    for outcome in outcomes {
+        let (row, own) = (outcome.kind.row(), of(outcome));
         match rows.iter_mut().find(|(name, _)| *name == row) {
-            Some((_, own)) => own.extend(&outcome.found_later),
-            None => rows.push((row, outcome.found_later.clone())),
+            _ if own.is_empty() => {}
+            Some((_, all)) => all.extend(own),
+            None => rows.push((row, own)),
         }
     }
+    rows
+}
+
+/// The table of frames that were found later than they were seen; nothing where there is none.
+fn found_later(outcomes: &[Outcome]) -> String {
+    let rows = by_row(outcomes, |outcome| outcome.found_later.clone());
     if rows.is_empty() {
         return String::new();
     }
@@ -107,15 +114,7 @@ fn found_later(outcomes: &[Outcome]) -> String {
 
 /// The table of drives that come back; nothing where there is none.
 fn loops(outcomes: &[Outcome]) -> String {
-    let mut rows: Vec<(String, Vec<Returned>)> = Vec::new();
-    for outcome in outcomes {
-        let Some(returned) = outcome.returned else { continue };
-        let row = outcome.kind.row();
-        match rows.iter_mut().find(|(name, _)| *name == row) {
-            Some((_, own)) => own.push(returned),
-            None => rows.push((row, vec![returned])),
-        }
-    }
+    let rows = by_row(outcomes, |outcome| outcome.returned.into_iter().collect());
     if rows.is_empty() {
         return String::new();
     }
