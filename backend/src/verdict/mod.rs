@@ -138,9 +138,9 @@ params! {
 }
 
 impl Prior {
-    /// What is believed where as much differs as makes nobody expect that the place was rearranged; `None` where that is what is believed anyway.
-    fn of_much(&self) -> Option<Self> {
-        (self.rearranged > RARELY).then(|| Self { rearranged: RARELY, ..self.clone() })
+    /// What is believed where so much differs that nobody expects that the place was rearranged.
+    fn of_much(&self) -> Self {
+        Self { rearranged: self.rearranged.min(RARELY), ..self.clone() }
     }
 
     /// The share of things that is expected to have changed.

@@ -28,11 +28,10 @@ pub struct Weighed {
 /// that is hardly ever rearranged.
 pub fn weigh(pieces: &[Piece], prior: &Prior) -> Weighed {
     let weighed = weighed(pieces, prior);
-    let is_much = weighed.answer.joins() && weighed.changed >= prior.rearranged_up_to;
-    match prior.of_much().filter(|_| is_much) {
-        Some(prior) => self::weighed(pieces, &prior),
-        None => weighed,
+    if weighed.answer.joins() && weighed.changed >= prior.rearranged_up_to {
+        return self::weighed(pieces, &prior.of_much());
     }
+    weighed
 }
 
 fn weighed(pieces: &[Piece], prior: &Prior) -> Weighed {

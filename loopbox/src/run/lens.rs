@@ -247,23 +247,14 @@ fn refined(
             (Err(_), Some(found)) => return Ok(Ok(found)),
             (Err(error), None) => return Ok(Err(error)),
         };
-        let change = change_of_focal(&lens, &better.camera);
+        let change = (better.camera.intrinsics().fx / lens.intrinsics().fx).ln().abs();
         if change < better.focal_deviation.clamp(CONVERGED[0], CONVERGED[1]) || stop.requested() {
             return Ok(Ok(better));
         }
-        found = Some(unsettled(better, change));
+        // A lens that does not stay is known no better than by what the last round changed it.
+        found = Some(SelfCalibration { focal_deviation: better.focal_deviation.max(change), ..better });
     }
     Ok(found.ok_or(SelfCalibrationError::Undetermined))
-}
-
-/// Difference of the logarithms of two focal lengths.
-fn change_of_focal(one: &Camera, other: &Camera) -> f64 {
-    (other.intrinsics().fx / one.intrinsics().fx).ln().abs()
-}
-
-/// A lens that does not stay yet: its focal length is known no better than by what the last round changed it.
-fn unsettled(found: SelfCalibration, change: f64) -> SelfCalibration {
-    SelfCalibration { focal_deviation: found.focal_deviation.max(change), ..found }
 }
 
 /// The lens that was found, without its distortion where that is as little as the joint optimisation expects of a calibration and
