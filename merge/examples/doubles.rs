@@ -42,7 +42,7 @@ fn main() {
             .filter(|kind| format!("{kind:?}") == one)
             .collect(),
     };
-    let here = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain };
+    let here = Version::first(1, grain);
     for kind in kinds {
         for number in 0..places {
             let seed = number + 1;

@@ -40,7 +40,7 @@ fn rolling(seed: u64) -> Recording {
 }
 
 fn world(kind: Place, seed: u64) -> World {
-    kind.world(&Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 4.0 })
+    kind.world(&Version::first(seed, 4.0))
 }
 
 fn place(kind: Place, seed: u64) -> Recording {

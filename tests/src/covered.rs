@@ -41,7 +41,7 @@ impl Uncovered {
 /// [`BEFORE`] frames past a place of a kind, [`COVERED`] dark ones, [`AFTER`] frames of what is there when it is uncovered; each surface
 /// has a grain of its own with this standard deviation, grey levels.
 pub fn covered(kind: Kind, seed: u64, uncovered: Uncovered, grain: f32) -> Recording {
-    let here = Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain };
+    let here = Version::first(seed, grain);
     let first = kind.path(2 * seed, BEFORE);
     let back: Vec<Se3> = first.iter().rev().take(AFTER).copied().collect();
     let (version, travelled) = match uncovered {

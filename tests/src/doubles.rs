@@ -73,6 +73,13 @@ pub struct Version {
     pub grain: f32,
 }
 
+impl Version {
+    /// The first place of a design as it was first seen, with this grain.
+    pub const fn first(seed: u64, grain: f32) -> Self {
+        Self { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain }
+    }
+}
+
 impl Kind {
     /// The kinds that limits may be set on.
     pub const TUNED: [Self; 6] =

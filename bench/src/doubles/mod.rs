@@ -134,7 +134,7 @@ fn name_of(kind: Kind) -> String {
 /// A place beside its doubles and itself.
 fn of_place(plan: &Plan, kind: Kind, grain: f32, number: u64) -> Result<Vec<Pair>> {
     let seed = plan.seed.wrapping_mul(1000) + number;
-    let here = Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain };
+    let here = Version::first(seed, grain);
     let name = format!("{}-{grain}-{seed}", name_of(kind));
     let home = plan.work.join("doubles").join(&name);
     let first = saved(&rendered(kind, &here, 2 * number), &home.join("first.mcap"))?;

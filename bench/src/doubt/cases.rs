@@ -158,7 +158,7 @@ fn turns_first(seed: u64) -> Recording {
 fn late(place: Place, seed: u64) -> Recording {
     let (turning, moving, angle) = PANNED_THERE;
     let path = after_turning(place.path(seed, moving), turning, angle, seed);
-    let world = place.world(&Version { seed, place: 0, share: 0.0, time: 0, moved: 0.0, grain: GRAIN });
+    let world = place.world(&Version::first(seed, GRAIN));
     Recording::render(&world, Recording::SMALL_CAMERA, &path, RATE).with_noise(NOISE, seed)
 }
 

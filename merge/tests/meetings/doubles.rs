@@ -12,7 +12,7 @@ use merge::prepared::PreparedMap;
 use place_recog::KeyframeFeatures;
 
 /// An office of one plan with walls and boards that have a grain of their own.
-const HERE: Version = Version { seed: 1, place: 0, share: 0.0, time: 0, moved: 0.0, grain: 3.0 };
+const HERE: Version = Version::first(1, 3.0);
 
 fn map(version: &Version, pass: u64) -> Map {
     rendered_map(&Kind::Office.world(version), &Kind::Office.path(pass, 8))
