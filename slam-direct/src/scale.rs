@@ -75,8 +75,8 @@ pub struct ScaleDeviation {
 /// How the scale of a map is carried on from keyframe to keyframe.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CarriedScale {
-    /// Where it is not, in order; of cuts beside each other the one that fewest points agree across. On either side there are
-    /// [some](LEAST) points of known depth.
+    /// Where it is not, in order; of cuts beside each other the one that fewest points agree across. On either side there are six
+    /// points of known depth, or more.
     pub breaks: Vec<ScaleBreak>,
     /// How well it is known at the cuts that at least as many points measure, in order. A cut that a loop spans is not among them, nor
     /// one with too little on either side.
