@@ -20,6 +20,8 @@ pub struct DepthAccuracy {
     /// Median of the squared errors over their stated variances (normalised estimation error squared): 0.45 where the variances
     /// are true and the errors normal, more where they are stated too small.
     pub median_nees: f64,
+    /// Their mean: 1 where the variances are true. Few wrong depths make it large.
+    pub mean_nees: f64,
     /// Share of points within two stated standard deviations, 0–1: 0.95 where these are true.
     pub within_two_deviations: f64,
 }
@@ -52,6 +54,7 @@ pub fn depth_accuracy(pairs: &[InverseDepthPair]) -> Option<DepthAccuracy> {
         median_relative_error: median_of_sorted(&errors),
         outlier_share: outliers as f64 / errors.len() as f64,
         median_nees: median_of_sorted(&normalised).powi(2),
+        mean_nees: normalised.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64,
         within_two_deviations: normalised.partition_point(|&e| e <= 2.0) as f64 / errors.len() as f64,
     })
 }
@@ -96,6 +99,10 @@ mod tests {
         let (honest, bold) = (depth_accuracy(&honest).unwrap(), depth_accuracy(&bold).unwrap());
         assert!((honest.within_two_deviations - 0.954).abs() < 0.02, "{honest:?}");
         assert!((honest.median_nees - 0.455).abs() < 0.06, "{honest:?}");
+        assert!(
+            (honest.mean_nees - 1.0).abs() < 0.1 && (bold.mean_nees - 16.0).abs() < 1.6,
+            "{honest:?} {bold:?}"
+        );
         assert!((bold.within_two_deviations - 0.383).abs() < 0.04 && bold.median_nees > 5.0, "{bold:?}");
     }
 }

@@ -46,8 +46,8 @@ impl fmt::Display for MapDepth {
         let within = 100.0 * a.within_two_deviations;
         writeln!(
             f,
-            "  within two stated standard deviations  {within:.1} % (95.4 % where these are true), median NEES {:.2} (0.45)",
-            a.median_nees
+            "  within two stated standard deviations  {within:.1} % (95.4 % where these are true), NEES: mean {:.2} (1), median {:.2} (0.45)",
+            a.mean_nees, a.median_nees
         )?;
         let (all, exported) = (100.0 * self.density, 100.0 * self.exported_density);
         writeln!(f, "  pixels of a keyframe with a depth  {all:.1} %, exported {exported:.1} %")

@@ -267,9 +267,10 @@ fn settled(
         if change < better.focal_deviation.clamp(CONVERGED[0], CONVERGED[1]) || stop.requested() {
             return Ok(Ok(better));
         }
-        // A lens that does not stay is known no better than by what the last round changed it, and not at all where that is much: it may
-        // go on.
-        let unsettled = if change < DETERMINED { change } else { f64::INFINITY };
+        // A lens that does not stay is known no better than by what the last round changed it, and after all of them, where that is much, not
+        // at all: it may go on.
+        let goes_on = round + 1 == MAX_ROUNDS && change >= DETERMINED;
+        let unsettled = if goes_on { f64::INFINITY } else { change };
         found = Some(SelfCalibration { focal_deviation: better.focal_deviation.max(unsettled), ..better });
     }
     Ok(found.ok_or(SelfCalibrationError::Undetermined))
