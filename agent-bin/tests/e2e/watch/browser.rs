@@ -68,7 +68,8 @@ impl Browser {
             }
             if answer["id"] == self.last_id {
                 // A page that is left for another one has no value yet.
-                let is_left = answer["error"]["message"] == "Inspected target navigated or closed";
+                let is_left = method == "Runtime.evaluate"
+                    && answer["error"]["message"] == "Inspected target navigated or closed";
                 assert!(is_left || answer["error"].is_null(), "{method}: {answer}");
                 return answer["result"].clone();
             }
