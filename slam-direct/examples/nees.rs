@@ -4,10 +4,13 @@
 //! cargo run --release -p loopbox-slam-direct --example nees -- SEEDS [FIRST SEED]
 //! cargo run --release -p loopbox-slam-direct --example nees -- readout SEEDS [FIRST SEED]
 //! cargo run --release -p loopbox-slam-direct --example nees -- scale SEEDS [FIRST SEED]
+//! cargo run --release -p loopbox-slam-direct --example nees -- depths SEEDS [FIRST SEED]
 //! ```
 
 #[path = "../tests/nees/measure.rs"]
 mod measure;
+#[path = "../tests/nees/points.rs"]
+mod points;
 #[path = "../tests/nees/scale.rs"]
 mod scale;
 
@@ -61,12 +64,14 @@ const KINDS: [(&str, Render); 8] = [
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
-    let what = arguments.first().filter(|argument| ["readout", "scale"].contains(&argument.as_str()));
+    let what =
+        arguments.first().filter(|argument| ["readout", "scale", "depths"].contains(&argument.as_str()));
     let numbers: Vec<u64> =
         arguments.iter().skip(usize::from(what.is_some())).map(|number| number.parse().unwrap()).collect();
     let (count, first) = (numbers.first().copied().unwrap_or(3), numbers.get(1).copied().unwrap_or(1));
     match what.map(String::as_str) {
         Some("readout") => return print_readouts(first..first + count),
+        Some("depths") => return print_depths(first..first + count),
         Some(_) => return print_scales(first..first + count),
         None => {}
     }
@@ -138,6 +143,42 @@ fn print_scales(seeds: std::ops::Range<u64>) {
         all.extend(own);
     }
     row("**all**", &all);
+}
+
+/// Prints how true the stated uncertainties of depths are.
+fn print_depths(seeds: std::ops::Range<u64>) {
+    println!(
+        "| recordings | depths | count | NEES at the pixel: mean, median | within two deviations | NEES in the patch: mean | within two deviations |\n\
+         |---|---|---|---|---|---|---|"
+    );
+    let row = |name: &str, what: &str, errors: &[points::Error]| {
+        let squares = |k: usize| errors.iter().map(move |error| error[k] * error[k]);
+        let within = |k| 100.0 * squares(k).filter(|nees| *nees < 4.0).count() as f64 / errors.len() as f64;
+        println!(
+            "| {name} | {what} | {} | {:.2}, {:.2} | {:.1} % | {:.2} | {:.1} % |",
+            errors.len(),
+            mean(squares(0)),
+            median(&mut squares(0).collect::<Vec<f64>>()).unwrap_or(f64::NAN),
+            within(0),
+            mean(squares(1)),
+            within(1),
+        );
+    };
+    let rows = |name: &str, errors: &points::DepthErrors| {
+        row(name, "semi-dense", &errors.dense);
+        row(name, "points", &errors.confirmed);
+        row(name, "points seen once more", &errors.seen_once);
+    };
+    let mut all = points::DepthErrors::default();
+    for (name, render) in SCALED {
+        let mut own = points::DepthErrors::default();
+        seeds.clone().map(render).for_each(|(recording, world)| own.add(&recording, &world));
+        rows(name, &own);
+        all.dense.extend(own.dense);
+        all.confirmed.extend(own.confirmed);
+        all.seen_once.extend(own.seen_once);
+    }
+    rows("**all**", &all);
 }
 
 /// Readout times that are rendered, seconds.

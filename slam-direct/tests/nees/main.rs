@@ -1,10 +1,12 @@
 //! Stated uncertainties of poses and scales are true: a short form of the example `nees`.
 
 mod measure;
+mod points;
 mod scale;
 
 use loopbox_tests::{Recording, World, trajectory};
 use measure::{Nees, mean, measure};
+use points::DepthErrors;
 use scale::measure_scale;
 
 #[test]
@@ -34,4 +36,22 @@ fn scales_err_by_no_more_than_is_stated() {
     assert!(cuts.iter().all(|[_, deviation]| *deviation < 0.02), "{cuts:?}");
     let nees = mean(cuts.iter().map(|[error, deviation]| (error / deviation).powi(2)));
     assert!((0.02..2.0).contains(&nees), "the mean NEES of scales is {nees}, 1 is exact: {cuts:?}");
+}
+
+#[test]
+fn depths_err_by_no_more_than_is_stated_from_what_their_patches_show() {
+    let path = trajectory::walk(90, 30.0, 4);
+    let world = World::yard(4);
+    let recording = Recording::render(&world, Recording::SMALL_CAMERA, &path, 30.0).with_noise(6.0, 4);
+    let mut errors = DepthErrors::default();
+    errors.add(&recording, &world);
+    assert!(errors.dense.len() > 20_000 && errors.confirmed.len() > 500, "{} depths", errors.dense.len());
+    let within = |errors: &[points::Error], k: usize| {
+        errors.iter().filter(|error| error[k] < 2.0).count() as f64 / errors.len() as f64
+    };
+    let [dense, at_patch] = [within(&errors.dense, 0), within(&errors.confirmed, 1)];
+    assert!(dense > 0.92, "{dense} of the semi-dense depths lie within two deviations, 0.95 is exact");
+    assert!(at_patch > 0.9, "{at_patch} of the points lie within two deviations of what is in their patch");
+    let nees = mean(errors.dense.iter().map(|error| error[1] * error[1]));
+    assert!((0.02..2.0).contains(&nees), "the mean NEES of depths is {nees} in their patches");
 }
