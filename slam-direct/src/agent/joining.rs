@@ -22,8 +22,8 @@ pub(crate) struct Sighting {
     own: usize,
     /// Its pose relative to that one, in its unit.
     own_from_keyframe: Se3,
-    /// The keyframe that was found.
-    other: usize,
+    /// The frame that became the keyframe that was found: a map that is given up and begun again numbers its keyframes anew.
+    frame: u64,
 }
 
 /// Largest difference of the turn between two keyframes in both fragments, degrees: a frame that is found again is turned
@@ -45,7 +45,7 @@ pub(crate) struct Joining {
 impl Agent {
     /// Searches a keyframe of the agent `other`, which this frame became, at its proposed pose in this agent's map.
     pub(crate) fn sight(&self, hypothesis: &Hypothesis, frame: &Frame, other: &Agent) -> Option<Sighting> {
-        let keyframe = other.view.keyframes.iter().rposition(|state| state.frame_index == frame.index)?;
+        other.keyframe_of(frame.index)?;
         let own = hypothesis.keyframe.0 as usize;
         if own >= self.view.keyframes.len() || !matches!(self.state, State::Running(_)) {
             return None;
@@ -56,22 +56,27 @@ impl Agent {
         let mut tracker = tracker.seeking();
         tracker.find_at(&self.view, &supposed, &pyramid, frame.timestamp, &self.params)?;
         let own_from_keyframe = self.view.keyframe_from_frame(own, &tracker.last);
-        Some(Sighting { fragment: hypothesis.fragment, own, own_from_keyframe, other: keyframe })
+        Some(Sighting { fragment: hypothesis.fragment, own, own_from_keyframe, frame: frame.index })
+    }
+
+    /// The keyframe that this frame became.
+    fn keyframe_of(&self, frame: u64) -> Option<usize> {
+        self.view.keyframes.iter().rposition(|state| state.frame_index == frame)
     }
 
     /// The relative pose of the two worlds, from the newest sighting of the keyframes of `other` and an earlier one
-    /// that agrees.
+    /// that agrees; of keyframes that `other` has no more, nothing is known.
     fn link(&self, other: &Agent, sightings: &[Sighting]) -> Option<Link> {
         let (newest, earlier) = sightings.split_last()?;
         let poses = |sighting: &Sighting| {
             let own = self.view.camera_from_world(sighting.own, &sighting.own_from_keyframe);
-            (own, other.view.keyframes[sighting.other].camera_from_world)
+            Some((own, other.view.keyframes[other.keyframe_of(sighting.frame)?].camera_from_world))
         };
-        let (own, there) = poses(newest);
+        let (own, there) = poses(newest)?;
         let depth = self.view.median_depth(newest.own)?;
         let scales =
             earlier.iter().filter(|before| before.fragment == newest.fragment).filter_map(|before| {
-                let (own_before, there_before) = poses(before);
+                let (own_before, there_before) = poses(before)?;
                 let moved = [own * own_before.inverse(), there * there_before.inverse()];
                 let [a, b] = moved.map(|moved| moved.translation);
                 let agree = moved[0].rotation.angle_to(&moved[1].rotation) <= MAX_ROTATION.to_radians()
@@ -83,7 +88,7 @@ impl Agent {
         let (_, scale) = scales.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let scaling = Sim3::new(Default::default(), Default::default(), scale);
         let own_from_other = Sim3::from(own.inverse()) * scaling * Sim3::from(there);
-        Some(Link { own: newest.own, other: newest.other, own_from_other })
+        Some(Link { own: newest.own, other: other.keyframe_of(newest.frame)?, own_from_other })
     }
 
     /// Begins to absorb the map of `other` in the background, if the sightings of its keyframes agree. Tracking
@@ -181,5 +186,48 @@ impl Agent {
         let mut report = FrameReport::of(TrackingState::Tracking);
         self.adopt_update(&mut tracker, update, &before, &mut report);
         self.state = State::Running(tracker);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::params::Params;
+    use loopbox_tests::{Recording, World, trajectory};
+    use map::KeyframeId;
+    use place_recog::ThumbnailIndex;
+
+    fn frame(recording: &Recording, index: u64) -> Frame {
+        let shot = &recording.shots[index as usize];
+        Frame { index, timestamp: shot.timestamp, image: shot.image.as_ref().clone(), color: None }
+    }
+
+    fn mapped(recording: &Recording) -> Agent {
+        let places = Box::new(ThumbnailIndex::default());
+        let mut agent = Agent::new(recording.camera, places, Params::default()).unwrap();
+        for index in 0..recording.shots.len() as u64 {
+            agent.process(frame(recording, index)).unwrap();
+        }
+        agent
+    }
+
+    #[test]
+    fn what_was_found_of_a_map_that_was_given_up_joins_nothing() {
+        let path = trajectory::sideways(60, 3.0);
+        let recording = Recording::render(&World::yard(1), Recording::SMALL_CAMERA, &path, 20.0);
+        let (agent, mut other) = (mapped(&recording), mapped(&recording));
+        let sight = |k: usize| {
+            let frame = frame(&recording, other.view.keyframes[k].frame_index);
+            let keyframe = KeyframeId(k as u32);
+            let hypothesis = Hypothesis { fragment: 0, keyframe, keyframe_from_frame: Se3::identity() };
+            agent.sight(&hypothesis, &frame, &other).expect("both show the same")
+        };
+        let last = other.view.keyframes.len() - 1;
+        let sightings = [sight(2), sight(last)];
+        let link = agent.link(&other, &sightings).expect("both agree");
+        assert!((link.own_from_other.scale - 1.0).abs() < 0.02, "{link:?}");
+        let index = recording.shots.len() as u64 - 1;
+        other.begin_again(agent.pyramid(frame(&recording, index).image), 3.0, index, "of no use");
+        assert!(agent.link(&other, &sightings).is_none());
     }
 }
