@@ -22,12 +22,19 @@ const EXPLAINED: f32 = 0.65;
 /// Share of the points of known depth that agree with a second motion in still surroundings: less in 99 of 100 frames.
 const STILL: f32 = 0.13;
 
-/// The share of the points `found`, of those of known depth that agree with either of two motions, that agree with the second; 0 where few do, or
-/// where it leaves much unexplained. Of a keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its
-/// old keyframes move against those of the new ones, but each keyframe's stay together.
-///
-/// The matches have the information that they were found with; the pose in the `view` is the refined one.
-pub(crate) fn second_motion(map: &LocalMap, view: &View, found: &[Matched], params: &Params) -> f32 {
+/// How the points of known depth that are found in a frame agree with its pose.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Agreement {
+    /// Share of them that disagree with the pose by the information that they were found with, 0–1.
+    pub against: f32,
+    /// Share of those that agree with either of two motions that agree with the second; 0 where few do, or where it leaves much unexplained. Of a
+    /// keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its old keyframes move against those of
+    /// the new ones, but each keyframe's stay together.
+    pub second_motion: f32,
+}
+
+/// Compares the points `found` with the pose in the `view`, which is the refined one, by the information that they were found with.
+pub(crate) fn agreement(map: &LocalMap, view: &View, found: &[Matched], params: &Params) -> Agreement {
     // What has no known depth agrees with many motions, or with a wrong one.
     let found: Vec<&Matched> = found.iter().filter(|m| map.point(m.at).is_known()).collect();
     let points: Vec<SeenPoint> =
@@ -36,17 +43,25 @@ pub(crate) fn second_motion(map: &LocalMap, view: &View, found: &[Matched], para
     let all: Vec<usize> = (0..points.len()).collect();
     let few = params.keyframes.min_matched;
     let [_, rest] = motions.split(&all, &view.camera_from_world);
-    if rest.len() < few || (rest.len() as f32) < STILL * points.len() as f32 {
-        return 0.0;
+    if rest.len() < few {
+        return Agreement::default();
+    }
+    let against = rest.len() as f32 / points.len() as f32;
+    let one_motion = Agreement { against, second_motion: 0.0 };
+    if against < STILL {
+        return one_motion;
     }
     let [first, second] = motions.two(&all, &view.camera_from_world);
     if (second.len() as f32) < EXPLAINED * (points.len() - first.len()) as f32 {
-        return 0.0;
+        return one_motion;
     }
     let (of_first, of_second) = (by_host(&found, &first), by_host(&found, &second));
     let both = |(host, count): (&usize, &usize)| (*count).min(of_first.get(host).copied().unwrap_or(0));
     let together: usize = of_second.iter().map(both).sum();
-    if together < few { 0.0 } else { together as f32 / (first.len() + second.len()) as f32 }
+    if together < few {
+        return one_motion;
+    }
+    Agreement { second_motion: together as f32 / (first.len() + second.len()) as f32, ..one_motion }
 }
 
 /// How much the frames so far say that a part of the map moves, by the shares that agreed with a second motion (cumulative sum: Page,

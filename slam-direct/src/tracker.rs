@@ -199,7 +199,7 @@ impl Tracker {
 
     /// Whether what was mapped moves in two ways, by this frame and those before it. After a loss one frame is enough to be searched further.
     fn is_split(&self, located: &Located, params: &Params) -> bool {
-        let (share, most) = (located.second_motion, params.track.max_rival);
+        let (share, most) = (located.agreement.second_motion, params.track.max_rival);
         if self.lost > 0 { share >= most } else { self.second_motion.with(share, most).is_enough(most) }
     }
 
@@ -238,7 +238,7 @@ impl Tracker {
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         let before = if self.lost > 0 { Evidence::default() } else { self.second_motion };
-        self.second_motion = before.with(located.second_motion, params.track.max_rival);
+        self.second_motion = before.with(located.agreement.second_motion, params.track.max_rival);
         self.lost = 0;
         self.loss = LossReason::default();
         self.mean_motion = (located.mean_motion, self.time.map_or(0.0, |before| timestamp - before));

@@ -5,7 +5,7 @@ use crate::align::{Alignment, AlignmentReference, Brightness, ReferencePoint};
 use crate::local_map::{LocalMap, Matched, PointRef};
 use crate::params::Params;
 use crate::relocalise::relocalise;
-use crate::rival::second_motion;
+use crate::rival::{Agreement, agreement};
 use crate::track::{self, Near, View};
 use geometry::sensor::Twist;
 use geometry::{Pyramid, Se3, median};
@@ -15,6 +15,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 /// Standard deviations by which more points agree with a pose than do by chance, of counts that are nearly Poisson's.
 const SIGNIFICANT: f32 = 3.0;
+
+/// Share of the points of known depth from which on a pose is not theirs: more of them disagree with it than agree, by the information that they
+/// were found with, which [`refine_pose`](track::refine_pose) lowers to what the frame shows. Of frames that are right 0.4 do at the most.
+const MOST: f32 = 0.5;
 
 /// Columns and rows of the parts that an image is divided into to tell how much of it shows points.
 const PARTS: (usize, usize) = (8, 6);
@@ -31,8 +35,8 @@ pub(crate) struct Located {
     pub covered: usize,
     /// Median of the squared residuals over the assumed one.
     pub residual_scale: f64,
-    /// Share of its points that agree with a second motion: the pose may be that of either.
-    pub(super) second_motion: f32,
+    /// How its points of known depth agree with the pose, which may be that of either of two motions, or between them.
+    pub(super) agreement: Agreement,
     pub(super) brightness: Brightness,
     pub(super) hosts: Vec<usize>,
     /// Motion of the camera, in map units.
@@ -47,7 +51,9 @@ impl Located {
     /// Whether more points agree with the pose than do by chance, and enough of them carry the scale.
     pub(super) fn is_good(&self, params: &Params) -> bool {
         let chance = by_chance(params) * self.searched.len() as f32;
-        self.carries_scale(params) && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
+        self.carries_scale(params)
+            && self.agreement.against < MOST
+            && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
     }
 
     /// Whether enough points agree for a frame that was not at its predicted pose. A wrongly placed frame spoils the
@@ -57,6 +63,7 @@ impl Located {
         self.inliers >= 2 * p.min_matched
             && self.inlier_share() >= p.found_again
             && self.carries_scale(params)
+            && self.agreement.against < MOST
     }
 
     /// Whether enough points of known depth agree. The others determine only the rotation; continuing with them would
@@ -171,7 +178,7 @@ pub(super) fn locate(
         }
     }
     let moved = View { camera_from_world, motion: better, ..*view };
-    let second_motion = second_motion(map, &moved, &found, params);
+    let agreement = agreement(map, &moved, &found, params);
     let inliers = matched.iter().filter(|m| m.inlier).count();
     let known = known_depths(map, &matched);
     let covered = covered(map, &matched);
@@ -188,7 +195,7 @@ pub(super) fn locate(
         known,
         covered,
         residual_scale,
-        second_motion,
+        agreement,
     }
 }
 

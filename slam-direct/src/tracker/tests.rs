@@ -1,5 +1,6 @@
 use super::*;
 use crate::local_map::PointRef;
+use crate::rival::Agreement;
 use crate::test_scene::{CAMERA, View as Rendered, exact_map, pose};
 use geometry::GrayImage;
 use place_recog::ThumbnailIndex;
@@ -90,7 +91,7 @@ fn located(inliers: usize, searched: usize) -> Located {
         known: inliers,
         covered: 0,
         residual_scale: 1.0,
-        second_motion: 0.0,
+        agreement: Agreement::default(),
         brightness: Brightness::default(),
         hosts: Vec::new(),
         motion: Twist::zeros(),
@@ -108,6 +109,8 @@ fn few_points_are_enough_where_a_frame_is_expected_and_not_in_a_wide_search() {
     assert!(by_chance.is_good(&params) && !by_chance.is_found_again(&params));
     let rotating = Located { known: 12, ..located(400, 620) };
     assert!(!rotating.is_good(&params) && !rotating.is_found_again(&params), "they tell no scale");
+    let between = Located { agreement: Agreement { against: 0.6, second_motion: 0.0 }, ..located(400, 620) };
+    assert!(!between.is_good(&params) && !between.is_found_again(&params), "most points disagree");
     let keyframes = keyframes();
     let map = exact_map(&keyframes, 10);
     let mut tracker = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params);
