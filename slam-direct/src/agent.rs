@@ -271,6 +271,12 @@ impl Agent {
         self.resumed.is_none() && self.view.keyframes.len() <= self.params.keyframes.young_map
     }
 
+    /// Whether the camera left the map because a part of it moved, and may begin another one.
+    pub(crate) fn saw_two_motions(&self) -> bool {
+        self.resumed != Some(ResumeMode::Localising)
+            && matches!(&self.state, State::Running(tracker) if tracker.saw_two_motions())
+    }
+
     /// Takes a frame that was found into the map; `at` its time stamp and index.
     fn go_on(
         &mut self,

@@ -44,6 +44,10 @@ pub struct Atlas {
     judge: Option<Arc<dyn JudgePlace>>,
 }
 
+/// Seconds for which a camera is not sought in a map that it left because a part of it moved: what left is in view still, most of what is found again is as likely
+/// it as what stands still, and a camera that moves begins a map of its own by then, which tells. One at rest is found again where it was.
+pub const SPLIT_FOR: f64 = 5.0;
+
 /// What is done about a loss.
 struct Loss {
     /// Time stamp of the first frame without a pose, seconds.
@@ -200,7 +204,7 @@ impl Atlas {
             loss.is_evaluated |= matches!(report.claim, Some(Claim::Refused | Claim::Undecided));
             return Ok(report);
         }
-        if let Some(found) = self.recognised(frame)? {
+        if let Some(found) = self.recognised(loss, frame)? {
             return Ok(found);
         }
         if self.claimed().is_some() {
@@ -238,9 +242,14 @@ impl Atlas {
     }
 
     /// Has it proposed by features where a lost frame was taken, and takes up what was proposed for an earlier one.
-    fn recognised(&mut self, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
+    fn recognised(&mut self, loss: &Loss, frame: &Frame) -> Result<Option<FrameReport>, AgentError> {
+        let is_split =
+            self.fragments[self.active].saw_two_motions() && frame.timestamp - loss.since < SPLIT_FOR;
         if let Some(answer) = self.recognition.next(frame, self.recognition_lag()) {
             for hypothesis in &answer.hypotheses {
+                if is_split && hypothesis.fragment == self.active {
+                    continue;
+                }
                 let Some(agent) = self.fragments.get_mut(hypothesis.fragment) else { continue };
                 if let Some(found) = agent.adopt_hypothesis(hypothesis, &answer)? {
                     self.activate(hypothesis.fragment);

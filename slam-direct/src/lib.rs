@@ -51,7 +51,7 @@ mod window;
 pub use agent::{
     Agent, AgentError, Claim, FrameReport, Joint, ResumeMode, TrackingState, edges_of, optimise_jointly,
 };
-pub use atlas::{Atlas, AtlasParams};
+pub use atlas::{Atlas, AtlasParams, SPLIT_FOR};
 pub use backend::{DocumentedParameter, Parameter, ParameterError, ParameterValue};
 pub use closing::{ClosingParams, NoLoop, Trajectory, close_loop};
 pub use depth::{

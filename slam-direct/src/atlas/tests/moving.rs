@@ -1,5 +1,6 @@
 //! Something that was mapped moves, or comes and goes.
 
+use super::recognised::Oracle;
 use super::*;
 use loopbox_tests::moving::{Mover, moving};
 
@@ -28,6 +29,24 @@ fn where_a_part_of_the_map_drives_off_the_map_ends_and_says_why() {
     assert!(reports[lost].reason.is_some_and(|why| why.contains("moves against the rest")));
     let errors: Vec<f64> = maps.iter().map(|(_, error)| *error).collect();
     assert!(errors.iter().all(|error| *error < 0.05), "{errors:?}");
+}
+
+/// The lorry that drives off is what is found again in the map, since it fills most of the view: features on it say where the camera is
+/// beside it.
+#[test]
+fn a_map_that_a_part_of_left_is_not_gone_on_in_by_that_part() {
+    let recording = moving(Mover::Departing, 0.6, 460).recording;
+    let mut beside = recording.clone();
+    for (i, shot) in beside.shots.iter_mut().enumerate().skip(145) {
+        shot.world_from_camera.translation.x -= 0.6 * ((i as f64 - 140.0) / 30.0).powi(2);
+    }
+    let mut atlas = atlas().recognising(Oracle::new(&[&beside], 3.0));
+    let reports = feed(&mut atlas, 0, images(&recording).into_iter().take(200));
+    let lost =
+        reports.iter().position(|report| report.loss == Some(LossReason::TwoMotions)).expect("it is lost");
+    let is_back = |report: &FrameReport| report.state == TrackingState::Tracking && report.fragment == 0;
+    assert!(lost < 160 && !reports[lost..].iter().any(is_back), "{lost}");
+    assert!(reports[lost..].iter().any(|report| report.fragment == 1), "it goes on in another map");
 }
 
 /// A camera that is switched on while a lorry drives off before it: two or three views cannot tell that the lorry moves, and a map that was begun
