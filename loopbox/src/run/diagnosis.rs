@@ -3,7 +3,7 @@
 use crate::run::Progress;
 use crate::run::record::{FrameCounts, FrameRow};
 use geometry::GrayImage;
-use slam_direct::{Claim, FrameReport, LossReason, TrackingState};
+use slam_direct::{Claim, FrameReport, LossReason, SPLIT_FOR, TrackingState};
 
 /// Every how many pixels one is looked at: cheap, and enough for means.
 const STRIDE: usize = 13;
@@ -66,8 +66,9 @@ pub struct Losses {
     pub count: u64,
     /// How often of these because the scale was lost ([`LossReason::Scale`]).
     pub of_scale: u64,
-    /// How often of these because something that was mapped moved ([`LossReason::TwoMotions`]).
-    pub of_motion: u64,
+    /// Index and time stamp, seconds, of the first frame of each of these because something that was mapped moved
+    /// ([`LossReason::TwoMotions`]).
+    pub of_motion: Vec<(u64, f64)>,
     is_lost: bool,
     was_tracking: bool,
     /// The fragment that the newest tracked frame is in.
@@ -83,7 +84,9 @@ impl Losses {
         if lost {
             self.count += 1;
             self.of_scale += u64::from(report.loss == Some(LossReason::Scale));
-            self.of_motion += u64::from(report.loss == Some(LossReason::TwoMotions));
+            if report.loss == Some(LossReason::TwoMotions) {
+                self.of_motion.push((row.index, row.timestamp));
+            }
             self.is_lost = true;
             let why = report.reason.map_or(String::new(), |reason| format!(": {reason}"));
             progress.warn_of("lost", &format!("tracking is lost since {at}{why}"));
@@ -106,6 +109,15 @@ impl Losses {
         if self.was_tracking {
             self.fragment = report.fragment;
         }
+    }
+}
+
+impl Losses {
+    /// Whether frames from `first` to `last` lie between two losses, soon one after another, because something moved: what was mapped there may be
+    /// what moves, which nothing tells.
+    pub fn are_of_what_moves(&self, first: u64, last: u64) -> bool {
+        let soon = |two: &&[(u64, f64)]| (two[1].1 - two[0].1).abs() < SPLIT_FOR;
+        self.of_motion.windows(2).filter(soon).any(|two| first >= two[0].0 && last < two[1].0)
     }
 }
 
@@ -176,6 +188,14 @@ mod tests {
         }
         assert!(diagnosed(counts(11, &[(OutOfOrder, 3)])).contains("textured"));
         assert_eq!(diagnosed(counts(100, &[(OutOfOrder, 20)])), "");
+    }
+
+    #[test]
+    fn what_is_mapped_between_two_losses_by_one_motion_may_be_what_moves() {
+        let losses = |second: f64| Losses { of_motion: vec![(147, 4.9), (187, second)], ..Losses::default() };
+        assert!(losses(6.2).are_of_what_moves(162, 186));
+        assert!(!losses(6.2).are_of_what_moves(0, 146) && !losses(6.2).are_of_what_moves(150, 200));
+        assert!(!losses(20.0).are_of_what_moves(162, 186), "what moved there is another thing");
     }
 
     #[test]

@@ -7,8 +7,9 @@ use map::Map;
 use std::sync::Arc;
 
 /// Joins the fragments of a run where they hang together. The map that most frames have a pose in comes first; those
-/// that saw no place of another stay apart. A fragment alone stays as it is, to the last bit.
-pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
+/// that saw no place of another stay apart, and those that `moves` says may be of something that moves: they show it in all places that it was at.
+/// A fragment alone stays as it is, to the last bit.
+pub fn joined(fragments: Vec<Map>, moves: impl Fn(&Map) -> bool, progress: &dyn Progress) -> Vec<Map> {
     use crate::merging::{Input, merge};
 
     if fragments.len() < 2 {
@@ -19,6 +20,10 @@ pub fn joined(fragments: Vec<Map>, progress: &dyn Progress) -> Vec<Map> {
     let mut apart = Vec::new();
     let mut inputs = Vec::new();
     for map in fragments {
+        if moves(&map) {
+            apart.push(map);
+            continue;
+        }
         // One without depth or with no feature cannot be recognised, and is a result all the same.
         match Input::of(map, std::path::Path::new(""), &vocabulary) {
             Ok(input) => inputs.push(input),

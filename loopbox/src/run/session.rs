@@ -148,7 +148,7 @@ impl Session<'_> {
                 (maps, of_maps) = closed.unzip();
                 revisits = of_maps.concat();
             }
-            maps = fragments::joined(maps, self.progress);
+            maps = fragments::joined(maps, |map| run.holds_what_moves(map), self.progress);
         }
         // Where nobody looks, what it went on in may not be anywhere else by now.
         let apart = if self.unattended { None } else { run.leave_out_kept(&mut maps) };

@@ -211,6 +211,12 @@ impl Run<'_> {
         self.kept.is_some_and(|kept| kept.mode == ResumeMode::Localising)
     }
 
+    /// Whether a map was begun and left while something moved, and may be of that alone.
+    pub fn holds_what_moves(&self, map: &Map) -> bool {
+        let ends = map.frames.first().zip(map.frames.last());
+        ends.is_some_and(|(first, last)| self.losses.are_of_what_moves(first.frame_index, last.frame_index))
+    }
+
     /// Takes out of the maps the one that was to be gone on in, if no frame of this run is in it: it lies where it lay.
     /// Says so, if what was tracked is in another one.
     pub fn leave_out_kept(&self, maps: &mut Vec<Map>) -> Option<String> {
@@ -318,7 +324,7 @@ impl Run<'_> {
                 tracked_share: tracked as f64 / (offered - dropped_late).max(1) as f64,
                 losses: self.losses.count,
                 losses_of_scale: self.losses.of_scale,
-                losses_of_motion: self.losses.of_motion,
+                losses_of_motion: self.losses.of_motion.len() as u64,
                 scale_breaks: self.scale_breaks.len() as u64,
                 scale_doubts: fragments.iter().map(|one| one.scale_doubts.len() as u64).sum(),
             },
