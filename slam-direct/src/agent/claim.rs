@@ -139,6 +139,12 @@ impl Agent {
             self.state = State::Running(tracker);
             return FrameReport::tells_too_little();
         }
+        if !located.is_of_most() {
+            self.trial = None;
+            self.claim = Some(Claim::Undecided);
+            self.state = State::Running(Box::new(tracker.seeking()));
+            return FrameReport::lost(LossReason::TwoMotions);
+        }
         let answer = self.answer();
         if answer.is_some_and(Answer::joins) {
             let (known, trial_frames) = (self.map.frames.len(), self.accept_claim());

@@ -136,6 +136,9 @@ impl Agent {
             pyramid = self.pyramid(frame.image.clone());
             let places = self.mapper.as_ref().map(|mapper| mapper.places.as_ref());
             located = tracker.track(&self.view, places, &pyramid, frame.timestamp, &self.params)?;
+            if !located.is_of_most() {
+                return None;
+            }
             poses.push(self.on_trial(frame, &pyramid, &tracker, located.motion));
         }
         // The newest gets its place in the map by going on from it.

@@ -51,9 +51,7 @@ impl Located {
     /// Whether more points agree with the pose than do by chance, and enough of them carry the scale.
     pub(super) fn is_good(&self, params: &Params) -> bool {
         let chance = by_chance(params) * self.searched.len() as f32;
-        self.carries_scale(params)
-            && self.agreement.against < MOST
-            && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
+        self.carries_scale(params) && self.inliers as f32 >= chance + SIGNIFICANT * chance.sqrt()
     }
 
     /// Whether enough points agree for a frame that was not at its predicted pose. A wrongly placed frame spoils the
@@ -63,7 +61,13 @@ impl Located {
         self.inliers >= 2 * p.min_matched
             && self.inlier_share() >= p.found_again
             && self.carries_scale(params)
-            && self.agreement.against < MOST
+            && self.is_of_most()
+    }
+
+    /// Whether the pose is that of most points of known depth. Between two motions nearly all agree with it to what the frame shows, and most
+    /// disagree by what they were found with. Where motion led to the frame, a jolt that bends its rows does the same.
+    pub fn is_of_most(&self) -> bool {
+        self.agreement.against < MOST
     }
 
     /// Whether enough points of known depth agree. The others determine only the rotation; continuing with them would

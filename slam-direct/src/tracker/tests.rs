@@ -110,7 +110,8 @@ fn few_points_are_enough_where_a_frame_is_expected_and_not_in_a_wide_search() {
     let rotating = Located { known: 12, ..located(400, 620) };
     assert!(!rotating.is_good(&params) && !rotating.is_found_again(&params), "they tell no scale");
     let between = Located { agreement: Agreement { against: 0.6, second_motion: 0.0 }, ..located(400, 620) };
-    assert!(!between.is_good(&params) && !between.is_found_again(&params), "most points disagree");
+    assert!(!between.is_of_most() && !between.is_found_again(&params), "most points disagree");
+    assert!(between.is_good(&params), "a jolt bends its rows");
     let keyframes = keyframes();
     let map = exact_map(&keyframes, 10);
     let mut tracker = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params);
