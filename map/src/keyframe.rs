@@ -98,7 +98,7 @@ pub struct SemiDense {
     pub pixel: Buffer<u32>,
     /// Inverse depths, > 0.
     pub inverse_depth: Buffer<f32>,
-    /// Variances of the inverse depths.
+    /// Variances of the inverse depths, as those of what lies within two pixels (see [`Point::variance`]).
     pub variance: Buffer<f32>,
 }
 
@@ -148,9 +148,10 @@ pub struct Point {
     pub pixel: [f32; 2],
     /// Inverse depth in the host frame, 1/keyframe unit.
     pub inverse_depth: f32,
-    /// Variance of the inverse depth.
+    /// Variance of the inverse depth, as that of what the patch around the pixel shows: beside an edge of something in front it is the edge's, whatever
+    /// the pixel itself shows.
     pub variance: f32,
-    /// Where other keyframes see it.
+    /// Where other keyframes see it: what one alone sees may be a wrong match.
     pub observations: Vec<Observation>,
 }
 
