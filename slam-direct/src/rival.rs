@@ -53,7 +53,7 @@ pub(crate) fn agreement(map: &LocalMap, view: &View, found: &[Matched], params: 
     if against < STILL {
         return one_motion;
     }
-    let [first, second] = motions.two(&all, &view.camera_from_world);
+    let [first, second] = motions.two(&all, &view.camera_from_world, few);
     if (second.len() as f32) < EXPLAINED * (points.len() - first.len()) as f32 {
         return one_motion;
     }
@@ -109,10 +109,13 @@ impl Motions<'_> {
         TRACKING.solve(self.camera, start, &points)
     }
 
-    /// The points that agree with each of two motions, begun at one pose.
-    fn two(&self, all: &[usize], start: &Se3) -> [Vec<usize>; 2] {
+    /// The points that agree with each of two motions, begun at one pose. Where fewer than `few` agree with the second at once there is none.
+    fn two(&self, all: &[usize], start: &Se3, few: usize) -> [Vec<usize>; 2] {
         let (mut first, mut second) = (*start, *start);
         let mut found = self.inliers_of_both(all, &first, &mut second);
+        if found[1].len() < few {
+            return found;
+        }
         for _ in 1..ROUNDS {
             let of_second = &found[1];
             let without: Vec<usize> =
