@@ -19,10 +19,9 @@ const ROUNDS: usize = 3;
 /// bends the rows of an image whose shutter is not known yet, a second pose fits 0.42 to 0.57 of what is bent.
 const EXPLAINED: f32 = 0.65;
 
-/// Share of the points of known depth that agree with a second motion from which on a frame adds to the evidence: half of what is less in 99 of
-/// 100 frames of still surroundings, 0.13, as a cumulative sum is to begin halfway. What still surroundings gather is 0.11 at the most in eight
-/// recordings, of 0.27 that is needed.
-const STILL: f32 = 0.065;
+/// Share of the points of known depth that agree with a second motion in still surroundings: less in 99 of 100 frames. From half of it on lorries
+/// over most of the view are told too, and so are wrong focal lengths and shutters that nobody knows, which move nothing.
+const STILL: f32 = 0.13;
 
 /// How the points of known depth that are found in a frame agree with its pose.
 #[derive(Clone, Copy, Debug, Default)]
@@ -146,11 +145,9 @@ mod tests {
             all.is_enough(0.2)
         };
         assert!(after(&[0.2, 0.2]) && after(&[0.02, 0.35, 0.25]));
-        assert!(!after(&[0.9]) && !after(&[0.24, 0.02]) && !after(&[0.06; 50]));
+        assert!(!after(&[0.9]) && !after(&[0.24, 0.02]) && !after(&[0.12; 50]));
         assert!(after(&[0.17, 0.19, 0.18]) && !after(&[0.17, 0.19]));
-        // A lorry over most of the view leaves few points that stand still.
-        assert!(after(&[0.12; 5]) && !after(&[0.12; 4]));
         // What was is forgotten.
-        assert!(!after(&[0.2, 0.0, 0.0, 0.2, 0.0, 0.0, 0.2]));
+        assert!(!after(&[0.2, 0.0, 0.2, 0.0, 0.2]));
     }
 }

@@ -40,7 +40,11 @@ fn a_map_that_a_part_of_left_is_not_gone_on_in_by_that_part() {
     for (i, shot) in beside.shots.iter_mut().enumerate().skip(145) {
         shot.world_from_camera.translation.x -= 0.6 * ((i as f64 - 140.0) / 30.0).powi(2);
     }
-    let mut atlas = atlas().recognising(Oracle::new(&[&beside], 3.0));
+    let mut params = Params::default();
+    params.track.max_rival = 0.15;
+    let places = || -> Box<dyn PlaceIndex> { Box::new(ThumbnailIndex::default()) };
+    let atlas = Atlas::new(recording.camera, places, params).expect("it can be worked with");
+    let mut atlas = atlas.recognising(Oracle::new(&[&beside], 3.0));
     let reports = feed(&mut atlas, 0, images(&recording).into_iter().take(200));
     let lost =
         reports.iter().position(|report| report.loss == Some(LossReason::TwoMotions)).expect("it is lost");
