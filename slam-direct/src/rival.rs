@@ -26,7 +26,7 @@ const STILL: f32 = 0.13;
 /// How the points of known depth that are found in a frame agree with its pose.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Agreement {
-    /// Share of them that disagree with the pose by the information that they were found with, 0–1.
+    /// Share of them that disagree with the pose by the information that they were found with, 0–1; 0 where few do.
     pub against: f32,
     /// Share of those that agree with either of two motions that agree with the second; 0 where few do, or where it leaves much unexplained. Of a
     /// keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its old keyframes move against those of

@@ -110,9 +110,7 @@ impl Losses {
             self.fragment = report.fragment;
         }
     }
-}
 
-impl Losses {
     /// Whether frames from `first` to `last` lie between two losses, soon one after another, because something moved: what was mapped there may be
     /// what moves, which nothing tells.
     pub fn are_of_what_moves(&self, first: u64, last: u64) -> bool {

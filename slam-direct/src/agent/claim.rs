@@ -140,9 +140,7 @@ impl Agent {
             return FrameReport::tells_too_little();
         }
         if !located.is_of_most() {
-            self.trial = None;
-            self.claim = Some(Claim::Undecided);
-            self.state = State::Running(Box::new(tracker.seeking()));
+            self.end_claim(tracker, Claim::Undecided);
             return FrameReport::lost(LossReason::TwoMotions);
         }
         let answer = self.answer();
@@ -156,9 +154,7 @@ impl Agent {
         tracker.change_reference(&self.view, located, &self.params);
         let found = self.found_at(at, &pyramid, &tracker, located.motion);
         if answer == Some(Answer::Different) {
-            self.trial = None;
-            self.claim = Some(Claim::Refused);
-            self.state = State::Running(Box::new(tracker.seeking()));
+            self.end_claim(tracker, Claim::Refused);
             return FrameReport::other_place();
         }
         self.put_on_trial([found]);
@@ -168,6 +164,13 @@ impl Agent {
         self.claim = Some(if is_pending { Claim::Pending } else { Claim::Undecided });
         self.state = State::Running(tracker);
         FrameReport { adopted: report.adopted, ..FrameReport::on_trial() }
+    }
+
+    /// Ends the trial without the claim being believed; the camera is searched anew.
+    fn end_claim(&mut self, tracker: Box<Tracker>, claim: Claim) {
+        self.trial = None;
+        self.claim = Some(claim);
+        self.state = State::Running(Box::new(tracker.seeking()));
     }
 
     /// Puts frames on trial, and has them judged when there are enough.

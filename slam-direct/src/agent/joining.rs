@@ -70,13 +70,14 @@ impl Agent {
         let (newest, earlier) = sightings.split_last()?;
         let poses = |sighting: &Sighting| {
             let own = self.view.camera_from_world(sighting.own, &sighting.own_from_keyframe);
-            Some((own, other.view.keyframes[other.keyframe_of(sighting.frame)?].camera_from_world))
+            let keyframe = other.keyframe_of(sighting.frame)?;
+            Some((keyframe, own, other.view.keyframes[keyframe].camera_from_world))
         };
-        let (own, there) = poses(newest)?;
+        let (keyframe, own, there) = poses(newest)?;
         let depth = self.view.median_depth(newest.own)?;
         let scales =
             earlier.iter().filter(|before| before.fragment == newest.fragment).filter_map(|before| {
-                let (own_before, there_before) = poses(before)?;
+                let (_, own_before, there_before) = poses(before)?;
                 let moved = [own * own_before.inverse(), there * there_before.inverse()];
                 let [a, b] = moved.map(|moved| moved.translation);
                 let agree = moved[0].rotation.angle_to(&moved[1].rotation) <= MAX_ROTATION.to_radians()
@@ -88,7 +89,7 @@ impl Agent {
         let (_, scale) = scales.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let scaling = Sim3::new(Default::default(), Default::default(), scale);
         let own_from_other = Sim3::from(own.inverse()) * scaling * Sim3::from(there);
-        Some(Link { own: newest.own, other: other.keyframe_of(newest.frame)?, own_from_other })
+        Some(Link { own: newest.own, other: keyframe, own_from_other })
     }
 
     /// Begins to absorb the map of `other` in the background, if the sightings of its keyframes agree. Tracking
@@ -192,32 +193,25 @@ impl Agent {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::params::Params;
-    use loopbox_tests::{Recording, World, trajectory};
+    use crate::agent::tests::{agent, as_it_is, drive, feed};
     use map::KeyframeId;
-    use place_recog::ThumbnailIndex;
 
-    fn frame(recording: &Recording, index: u64) -> Frame {
-        let shot = &recording.shots[index as usize];
-        Frame { index, timestamp: shot.timestamp, image: shot.image.as_ref().clone(), color: None }
+    fn mapped() -> Agent {
+        let mut agent = agent();
+        feed(&mut agent, as_it_is);
+        agent
     }
 
-    fn mapped(recording: &Recording) -> Agent {
-        let places = Box::new(ThumbnailIndex::default());
-        let mut agent = Agent::new(recording.camera, places, Params::default()).unwrap();
-        for index in 0..recording.shots.len() as u64 {
-            agent.process(frame(recording, index)).unwrap();
-        }
-        agent
+    fn frame(index: u64) -> Frame {
+        let shot = &drive().shots[index as usize];
+        Frame { index, timestamp: shot.timestamp, image: shot.image.as_ref().clone(), color: None }
     }
 
     #[test]
     fn what_was_found_of_a_map_that_was_given_up_joins_nothing() {
-        let path = trajectory::sideways(60, 3.0);
-        let recording = Recording::render(&World::yard(1), Recording::SMALL_CAMERA, &path, 20.0);
-        let (agent, mut other) = (mapped(&recording), mapped(&recording));
+        let (agent, mut other) = (mapped(), mapped());
         let sight = |k: usize| {
-            let frame = frame(&recording, other.view.keyframes[k].frame_index);
+            let frame = frame(other.view.keyframes[k].frame_index);
             let keyframe = KeyframeId(k as u32);
             let hypothesis = Hypothesis { fragment: 0, keyframe, keyframe_from_frame: Se3::identity() };
             agent.sight(&hypothesis, &frame, &other).expect("both show the same")
@@ -226,8 +220,8 @@ mod tests {
         let sightings = [sight(2), sight(last)];
         let link = agent.link(&other, &sightings).expect("both agree");
         assert!((link.own_from_other.scale - 1.0).abs() < 0.02, "{link:?}");
-        let index = recording.shots.len() as u64 - 1;
-        other.begin_again(agent.pyramid(frame(&recording, index).image), 3.0, index, "of no use");
+        let last = frame(drive().shots.len() as u64 - 1);
+        other.begin_again(agent.pyramid(last.image), last.timestamp, last.index, "of no use");
         assert!(agent.link(&other, &sightings).is_none());
     }
 }

@@ -11,14 +11,14 @@ use place_recog::ThumbnailIndex;
 use std::sync::LazyLock;
 
 /// A drive past the row of boxes.
-fn drive() -> &'static Recording {
+pub(super) fn drive() -> &'static Recording {
     static DRIVE: LazyLock<Recording> = LazyLock::new(|| {
         Recording::render(yard(), Recording::SMALL_CAMERA, &trajectory::sideways(50, 2.5), 20.0)
     });
     &DRIVE
 }
 
-fn agent() -> Agent {
+pub(super) fn agent() -> Agent {
     agent_with_lag(Params::default().mapping.lag)
 }
 
@@ -30,7 +30,7 @@ fn agent_with_lag(lag: usize) -> Agent {
 }
 
 /// Gives the agent the frames of the drive, each as `picture` shows it.
-fn feed(agent: &mut Agent, picture: impl Fn(usize, &GrayImage) -> GrayImage) -> Vec<FrameReport> {
+pub(super) fn feed(agent: &mut Agent, picture: impl Fn(usize, &GrayImage) -> GrayImage) -> Vec<FrameReport> {
     feed_with(agent, drive(), picture)
 }
 
@@ -49,7 +49,7 @@ fn feed_with(
         .collect()
 }
 
-fn as_it_is(_: usize, image: &GrayImage) -> GrayImage {
+pub(super) fn as_it_is(_: usize, image: &GrayImage) -> GrayImage {
     image.clone()
 }
 
