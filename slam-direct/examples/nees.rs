@@ -1,4 +1,4 @@
-//! Prints how true the stated uncertainties of live poses, readout times and scales are, on rendered recordings.
+//! Prints how true the stated uncertainties of live poses, readout times, scales and depths are, on rendered recordings.
 //!
 //! ```text
 //! cargo run --release -p loopbox-slam-direct --example nees -- SEEDS [FIRST SEED]

@@ -1,4 +1,4 @@
-//! Stated uncertainties of poses and scales are true: a short form of the example `nees`.
+//! Stated uncertainties of poses, scales and depths are true: a short form of the example `nees`.
 
 mod measure;
 mod points;
