@@ -95,6 +95,8 @@ pub struct Agent {
     before_map: Vec<EarlyFrame>,
     /// What moves with the camera.
     learner: MaskLearner,
+    /// Whether something that was mapped has moved, in this map or one before it.
+    something_moved: bool,
     /// Whether the map is of use, as far as its first keyframes have said.
     map_quality: MapQuality,
     /// The keyframe before the last break of the scale.
@@ -160,6 +162,7 @@ impl Agent {
             early: Vec::new(),
             before_map: Vec::new(),
             learner: MaskLearner::default(),
+            something_moved: false,
             map_quality: MapQuality::Open,
             last_break: None,
             provisional: None,
@@ -257,13 +260,14 @@ impl Agent {
         }
     }
 
-    /// Takes over what another agent with this camera learnt of its sensor, before there is a map.
+    /// Takes over what another agent with this camera learnt of its sensor and of its surroundings, before there is a map.
     pub(crate) fn know_sensor_of(&mut self, other: &Agent) {
         if let Some(mapper) = &mut self.mapper {
             mapper.local.sensor = other.view.sensor;
         }
         self.learner = other.learner.clone();
         self.learner.change_world();
+        self.something_moved = other.something_moved;
     }
 
     /// Whether the map has not come beyond its start, so that it may prove useless yet.
@@ -338,6 +342,7 @@ impl Agent {
         timestamp: f64,
         report: &mut FrameReport,
     ) -> Option<Located> {
+        tracker.expect_motions(self.something_moved);
         if self.pending_mapping.as_ref().is_some_and(|pending_mapping| pending_mapping.due <= self.processed)
         {
             self.adopt_mapping(tracker, report);
@@ -367,6 +372,7 @@ impl Agent {
         {
             return report;
         }
+        self.something_moved |= tracker.saw_two_motions();
         let lost = FrameReport::lost(tracker.loss());
         self.state = State::Running(tracker);
         FrameReport { adopted: report.adopted, ..lost }

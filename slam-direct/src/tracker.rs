@@ -10,7 +10,7 @@ use crate::align::{AlignmentReference, Brightness};
 use crate::frame::LossReason;
 use crate::local_map::LocalMap;
 use crate::params::Params;
-use crate::rival::Evidence;
+use crate::rival::{Agreement, Evidence};
 use crate::rotation_prior::RotationPrior;
 use crate::track::{self, Near, View};
 use crate::wide;
@@ -71,6 +71,8 @@ pub(crate) struct Tracker {
     loss: LossReason,
     /// How much the frames up to the newest tracked one say that a part of the map moves.
     second_motion: Evidence,
+    /// Whether something that was mapped has moved before, so that two motions are no bent image.
+    something_moved: bool,
 }
 
 impl Tracker {
@@ -102,7 +104,13 @@ impl Tracker {
             share: 0.0,
             loss: LossReason::default(),
             second_motion: Evidence::default(),
+            something_moved: false,
         }
+    }
+
+    /// Says whether something that was mapped has moved before: what bends images does so from the first one on, so a second motion is none of that.
+    pub fn expect_motions(&mut self, something_moved: bool) {
+        self.something_moved = something_moved;
     }
 
     /// The tracker of a camera that may be anywhere.
@@ -126,9 +134,19 @@ impl Tracker {
     pub fn refer_to(&mut self, map: &LocalMap, reference: usize, params: &Params) {
         let (time, mean_motion) = (self.time, self.mean_motion);
         let (lost, rotation_prior, share) = (self.lost, self.rotation_prior.take(), self.share);
-        let (loss, second_motion) = (self.loss, self.second_motion);
+        let (loss, second_motion, something_moved) = (self.loss, self.second_motion, self.something_moved);
         let fresh = Self::new(map, reference, self.last, self.velocity, params);
-        *self = Self { time, mean_motion, lost, rotation_prior, share, loss, second_motion, ..fresh };
+        *self = Self {
+            time,
+            mean_motion,
+            lost,
+            rotation_prior,
+            share,
+            loss,
+            second_motion,
+            something_moved,
+            ..fresh
+        };
     }
 
     /// Continues in a map in which keyframes have moved. `last` is the newest frame's pose there, and `factor` the
@@ -197,10 +215,21 @@ impl Tracker {
         None
     }
 
-    /// Whether what was mapped moves in two ways, by this frame and those before it. After a loss one frame is enough to be searched further.
+    /// Share of a frame's points that move against the rest.
+    fn moving(&self, agreement: &Agreement) -> f32 {
+        let is_bent = agreement.is_bent && !self.something_moved;
+        if is_bent { 0.0 } else { agreement.second_motion }
+    }
+
+    /// Whether what was mapped moves in two ways, by this frame and those before it. After a loss one frame is enough to be searched further, bent
+    /// or not.
     fn is_split(&self, located: &Located, params: &Params) -> bool {
-        let (share, most) = (located.agreement.second_motion, params.track.max_rival);
-        if self.lost > 0 { share >= most } else { self.second_motion.with(share, most).is_enough(most) }
+        let (agreement, most) = (&located.agreement, params.track.max_rival);
+        if self.lost > 0 {
+            agreement.second_motion >= most
+        } else {
+            self.second_motion.with(self.moving(agreement), most).is_enough(most)
+        }
     }
 
     /// Whether what was mapped moves as one, and always did: a pose that both sides agree with may be one between them.
@@ -238,7 +267,7 @@ impl Tracker {
         self.velocity =
             if self.lost > 0 { Se3::identity() } else { located.camera_from_world * self.last.inverse() };
         let before = if self.lost > 0 { Evidence::default() } else { self.second_motion };
-        self.second_motion = before.with(located.agreement.second_motion, params.track.max_rival);
+        self.second_motion = before.with(self.moving(&located.agreement), params.track.max_rival);
         self.lost = 0;
         self.loss = LossReason::default();
         self.mean_motion = (located.mean_motion, self.time.map_or(0.0, |before| timestamp - before));

@@ -73,6 +73,7 @@ impl Agent {
         later.fresh = self.fresh.take().and_then(|(k, motion)| Some((k.checked_sub(count)?, motion)));
         later.params.clone_from(&self.params);
         (later.tone, later.learner) = (self.tone.clone(), self.learner.clone());
+        later.something_moved = self.something_moved;
         (later.threads, later.processed) = (self.threads.clone(), self.processed);
         (later.judge, later.swap) = (self.judge.clone(), self.swap.clone());
         (later.colors, later.shutter) = (std::mem::take(&mut self.colors), std::mem::take(&mut self.shutter));

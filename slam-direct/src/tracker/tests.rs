@@ -109,7 +109,8 @@ fn few_points_are_enough_where_a_frame_is_expected_and_not_in_a_wide_search() {
     assert!(by_chance.is_good(&params) && !by_chance.is_found_again(&params));
     let rotating = Located { known: 12, ..located(400, 620) };
     assert!(!rotating.is_good(&params) && !rotating.is_found_again(&params), "they tell no scale");
-    let between = Located { agreement: Agreement { against: 0.6, second_motion: 0.0 }, ..located(400, 620) };
+    let between =
+        Located { agreement: Agreement { against: 0.6, ..Agreement::default() }, ..located(400, 620) };
     assert!(!between.is_of_most() && !between.is_found_again(&params), "most points disagree");
     assert!(between.is_good(&params), "a jolt bends its rows");
     let keyframes = keyframes();
@@ -122,6 +123,24 @@ fn few_points_are_enough_where_a_frame_is_expected_and_not_in_a_wide_search() {
     tracker.share = 0.2;
     assert!(!tracker.drops(&by_chance, &params), "it faded slowly");
     assert_eq!(tracker.seeking().lost_frames(), 1, "what may be anywhere is found as after a loss");
+}
+
+/// A focal length that is off bends the images from the first one on; so once something has moved, what moves again is not taken for that.
+#[test]
+fn a_bent_image_is_no_second_motion_until_something_has_moved() {
+    let params = Params::default();
+    let bent = Agreement { against: 0.3, second_motion: 0.3, is_bent: true };
+    let map = exact_map(&keyframes(), 10);
+    let mut tracker = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params);
+    tracker.second_motion = Evidence::default().with(0.3, params.track.max_rival);
+    let found = Located { agreement: bent, ..located(400, 620) };
+    let split = Located { agreement: Agreement { is_bent: false, ..bent }, ..located(400, 620) };
+    assert!(!tracker.is_split(&found, &params) && tracker.is_split(&split, &params));
+    tracker.expect_motions(true);
+    tracker.refer_to(&map, 1, &params);
+    assert!(tracker.is_split(&found, &params), "another keyframe forgets nothing of it");
+    let lost = Tracker::new(&map, 0, Se3::identity(), Se3::identity(), &params).seeking();
+    assert!(lost.is_split(&found, &params), "a lost frame is searched further");
 }
 
 #[test]
