@@ -67,7 +67,7 @@ pub(crate) fn agreement(map: &LocalMap, view: &View, found: &[Matched], params: 
     if together < few {
         return one_motion;
     }
-    let bent = bend::agreeing(&map.camera, &view.camera_from_world, &points);
+    let bent = bend::inliers(&map.camera, &view.camera_from_world, &points);
     let explained = second.iter().filter(|i| bent.binary_search(i).is_ok()).count();
     let is_bent = explained as f32 >= EXPLAINED * second.len() as f32;
     Agreement { against, second_motion: together as f32 / (first.len() + second.len()) as f32, is_bent }

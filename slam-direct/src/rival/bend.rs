@@ -57,7 +57,7 @@ impl Row {
 }
 
 /// The `points`, by their numbers in order, that agree with one bent image seen from near `pose`: robust Gauss–Newton, linear about the pose.
-pub(super) fn agreeing(camera: &Pinhole, pose: &Se3, points: &[SeenPoint]) -> Vec<usize> {
+pub(super) fn inliers(camera: &Pinhole, pose: &Se3, points: &[SeenPoint]) -> Vec<usize> {
     let pose = (pose.rotation_matrix(), pose.translation);
     let rows: Vec<Row> =
         points.iter().enumerate().filter_map(|(i, point)| Row::of(camera, &pose, point, i)).collect();
@@ -104,7 +104,7 @@ mod tests {
     }
 
     fn explained(points: &[SeenPoint]) -> usize {
-        agreeing(&CAMERA, &Se3::identity(), points).len()
+        inliers(&CAMERA, &Se3::identity(), points).len()
     }
 
     fn by(camera: &Pinhole, motion: &Vector6<f64>, at: &Vector3<f64>) -> [f64; 2] {
@@ -135,7 +135,7 @@ mod tests {
         let points = seen(|at| by(&CAMERA, if is_in_the_middle(at) { &driven } else { &still }, at));
         let moved: Vec<usize> =
             (0..COUNT).filter(|&i| points[i].squared(&CAMERA, &Se3::identity()) > INLIER).collect();
-        let explained = agreeing(&CAMERA, &Se3::identity(), &points);
+        let explained = inliers(&CAMERA, &Se3::identity(), &points);
         let of_it = moved.iter().filter(|i| explained.binary_search(i).is_ok()).count();
         assert!(moved.len() > COUNT / 5 && 3 * of_it < moved.len(), "{of_it} of {}", moved.len());
         assert!(explained.len() - of_it > 9 * (COUNT - moved.len()) / 10, "the rest agrees");
