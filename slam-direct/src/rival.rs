@@ -18,8 +18,7 @@ use std::collections::BTreeMap;
 const ROUNDS: usize = 3;
 
 /// Least share of the points that disagree with the first motion which a second one explains. What drives off leaves 0.71 to 0.93; where a jolt
-/// bends the rows of an image whose shutter is not known yet, a second pose fits 0.42 to 0.57 of what is bent. Where it fits more, a bent image
-/// is asked to explain as much of the second motion: it does 0.8 to 1 of it where a focal length is 15 to 30 % off or a shutter is left out.
+/// bends the rows of an image whose shutter is not known yet, a second pose fits 0.42 to 0.57 of what is bent.
 const EXPLAINED: f32 = 0.65;
 
 /// Share of the points of known depth that agree with a second motion, and with no bent image, in still surroundings: less in 99 of 100 frames of each
@@ -35,7 +34,8 @@ pub(crate) struct Agreement {
     /// keyframe's points as many count as agree with the first motion too: where a map has drifted, those of its old keyframes move against those of
     /// the new ones, but each keyframe's stay together.
     pub second_motion: f32,
-    /// Whether one bent image explains what agrees with the second motion too.
+    /// Whether one bent image explains what agrees with the second motion too, but for no more than still surroundings have: 0.8 to 1 of it where a
+    /// focal length is 15 to 30 % off or a shutter is left out.
     pub is_bent: bool,
 }
 
@@ -68,9 +68,10 @@ pub(crate) fn agreement(map: &LocalMap, view: &View, found: &[Matched], params: 
         return one_motion;
     }
     let bent = bend::inliers(&map.camera, &view.camera_from_world, &points);
-    let explained = second.iter().filter(|i| bent.binary_search(i).is_ok()).count();
-    let is_bent = explained as f32 >= EXPLAINED * second.len() as f32;
-    Agreement { against, second_motion: together as f32 / (first.len() + second.len()) as f32, is_bent }
+    let unexplained = second.iter().filter(|i| bent.binary_search(i).is_err()).count();
+    let of_either = (first.len() + second.len()) as f32;
+    let is_bent = (unexplained as f32) < STILL * of_either;
+    Agreement { against, second_motion: together as f32 / of_either, is_bent }
 }
 
 /// How much the frames so far say that a part of the map moves, by the shares that agreed with a second motion (cumulative sum: Page,

@@ -8,9 +8,10 @@ use crate::window::{SeenPoint, mahalanobis, predict, robust_weight};
 use geometry::{Pinhole, Se3};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-/// The pose of the middle row (six), how it changes from the first row to the last (six), the logarithm of the focal length and the first radial
-/// distortion (Brown, *Decentering distortion of lenses*, 1966).
-const UNKNOWNS: usize = 14;
+/// The pose of the middle row (six), how it changes from the first row to the last (six), the logarithm of the focal length, the first radial
+/// distortion (Brown, *Decentering distortion of lenses*, 1966), and how much longer lengths are to the right and further down (two): a turn that is
+/// seen with a focal length that is off.
+const UNKNOWNS: usize = 16;
 /// Steps, and the first of them with a kernel that is [`WIDENING`] times as wide: as where a frame's pose is refined.
 const STEPS: (usize, usize) = (12, 5);
 const WIDENING: f64 = 30.0;
@@ -34,14 +35,16 @@ impl Row {
             predict(camera, rotation, translation, &point.direction, point.inverse_depth, &point.pixel)?;
         let [u, v] = [point.pixel[0] - camera.cx, point.pixel[1] - camera.cy];
         let row = v / camera.height as f64;
-        let radius_squared = (u / camera.fx).powi(2) + (v / camera.fy).powi(2);
+        let (x, y) = (u / camera.fx, v / camera.fy);
         let derivative = [(0, u), (1, v)].map(|(axis, from_middle): (usize, f64)| {
             let pose = seen.by_twist[axis];
             SVector::from_fn(|k, _| match k {
                 0..6 => pose[k],
                 6..12 => row * pose[k - 6],
                 12 => from_middle,
-                _ => from_middle * radius_squared,
+                13 => from_middle * (x * x + y * y),
+                14 => from_middle * x,
+                _ => from_middle * y,
             })
         });
         Some(Self { index, residual: seen.residual, derivative, information: point.information })
