@@ -1,7 +1,7 @@
 //! An image that is bent: by a focal length that is off, a lens that is not the map's, rows that a moving camera reads one after the other.
 //!
 //! What bends an image moves its parts against one another as things that move do, but evenly: one smooth change of the whole image explains
-//! it, and no smooth change explains a lorry.
+//! it. What moves has an edge, which no smooth change has.
 
 use crate::track::INLIER;
 use crate::window::{SeenPoint, mahalanobis, predict, robust_weight};
