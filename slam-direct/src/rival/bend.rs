@@ -120,7 +120,7 @@ mod tests {
         let still = Vector6::zeros();
         let unbent = seen(|at| by(&CAMERA, &still, at));
         assert_eq!(explained(&unbent), COUNT);
-        // Lengths of 4 % more, and rows that are read while the camera goes and turns: tens of pixels from where they belong.
+        // Lengths of 4 % more, and rows that are read while the camera goes and turns: several pixels from where they belong.
         let longer = Pinhole { fx: 1.04 * CAMERA.fx, fy: 1.04 * CAMERA.fy, ..CAMERA };
         assert_eq!(explained(&seen(|at| by(&longer, &still, at))), COUNT);
         let turning = Vector6::new(0.03, 0.0, 0.0, 0.005, 0.02, 0.01);
