@@ -3,8 +3,8 @@
 //! What bends an image moves its parts against one another as things that move do, but evenly: one smooth change of the whole image explains
 //! it. What moves has an edge, which no smooth change has.
 
-use crate::track::INLIER;
-use crate::window::{SeenPoint, mahalanobis, predict, robust_weight};
+use crate::track::{INLIER, TRACKING};
+use crate::window::{SeenPoint, add_residual, mahalanobis, predict, robust_weight};
 use geometry::{Pinhole, Se3};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -12,9 +12,6 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 /// distortion (Brown, *Decentering distortion of lenses*, 1966), and how much longer lengths are to the right and further down (two): a turn that is
 /// seen with a focal length that is off.
 const UNKNOWNS: usize = 16;
-/// Steps, and the first of them with a kernel that is [`WIDENING`] times as wide: as where a frame's pose is refined.
-const STEPS: (usize, usize) = (12, 5);
-const WIDENING: f64 = 30.0;
 
 /// A point's residual in pixels, and its derivative by what bends an image, two rows.
 struct Row {
@@ -59,25 +56,21 @@ impl Row {
     }
 }
 
-/// The `points`, by their numbers in order, that agree with one bent image seen from near `pose`: robust Gauss–Newton, linear about the pose.
+/// The `points`, by their numbers in order, that agree with one bent image seen from near `pose`: robust Gauss–Newton, linear about the pose, with the
+/// steps and the kernel that refine a frame's pose.
 pub(super) fn inliers(camera: &Pinhole, pose: &Se3, points: &[SeenPoint]) -> Vec<usize> {
     let pose = (pose.rotation_matrix(), pose.translation);
     let rows: Vec<Row> =
         points.iter().enumerate().filter_map(|(i, point)| Row::of(camera, &pose, point, i)).collect();
     let mut bend = SVector::<f64, UNKNOWNS>::zeros();
-    for step in 0..STEPS.0 {
-        let widening = if step < STEPS.1 { WIDENING } else { 1.0 };
+    for step in 0..TRACKING.iterations {
         let mut h = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::identity() * 1e-6;
         let mut g = SVector::<f64, UNKNOWNS>::zeros();
         for row in &rows {
             let residual = row.residual(&bend);
-            let weight = robust_weight(mahalanobis(&residual, &row.information) / widening);
-            let [a, b, c] = row.information.map(|v| v * weight);
-            let [ju, jv] = &row.derivative;
-            let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
-            h.ger(1.0, &wu, ju, 1.0);
-            h.ger(1.0, &wv, jv, 1.0);
-            g += wu * residual[0] + wv * residual[1];
+            let weight = robust_weight(mahalanobis(&residual, &row.information) / TRACKING.widening(step));
+            let information = row.information.map(|v| v * weight);
+            add_residual((&mut h, &mut g), &row.derivative, &residual, information);
         }
         let Some(factor) = h.cholesky() else { break };
         bend -= factor.solve(&g);

@@ -3,7 +3,7 @@
 use super::{TrackParams, View};
 use crate::local_map::{LocalMap, Matched};
 use crate::window::{
-    PoseSolver, SeenPoint, covariance, mahalanobis, predict, robust_covariance, robust_weight,
+    PoseSolver, SeenPoint, add_residual, covariance, mahalanobis, predict, robust_covariance, robust_weight,
 };
 use geometry::sensor::Twist;
 use geometry::{Se3, median};
@@ -145,12 +145,8 @@ pub(crate) fn motion_by_rows(map: &LocalMap, view: &View, matched: &[Matched], s
             ])
         };
         let weight = robust_weight(mahalanobis(&seen.residual, &point.information));
-        let [a, b, c] = point.information.map(|v| v * weight);
-        let (ju, jv) = (row(0), row(1));
-        let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
-        h.ger(1.0, &wu, &ju, 1.0);
-        h.ger(1.0, &wv, &jv, 1.0);
-        g += wu * seen.residual[0] + wv * seen.residual[1];
+        let information = point.information.map(|v| v * weight);
+        add_residual((&mut h, &mut g), &[row(0), row(1)], &seen.residual, information);
     }
     let mut motion = view.motion;
     if let Some(factor) = h.cholesky() {

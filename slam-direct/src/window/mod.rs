@@ -25,7 +25,7 @@ mod uncertainty;
 pub(crate) use calibration::{Calibration, DistortedPixel, OTHER_SHUTTER};
 pub(crate) use cost::{mahalanobis, predict, robust_cost, robust_weight};
 pub(crate) use pairs::{Pairs, Relative};
-pub(crate) use pose::{PoseSolver, SeenPoint, covariance, robust_covariance};
+pub(crate) use pose::{PoseSolver, SeenPoint, add_residual, covariance, robust_covariance};
 pub(crate) use problem::{Problem, WindowObservation, WindowPoint};
 pub(crate) use solve::{Limits, solve, solve_within, weigh_sensor};
 pub(crate) use uncertainty::{UNKNOWN, least_variance_by_rotation, variance_by_rotation, variances_by_poses};

@@ -2,7 +2,7 @@
 
 use super::cost::{mahalanobis, predict, robust_weight};
 use geometry::{Pinhole, Se3};
-use nalgebra::{Matrix6, Vector3, Vector6};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector3, Vector6};
 
 /// A point of known depth, and where the frame sees it.
 #[derive(Clone, Copy)]
@@ -72,12 +72,16 @@ pub(crate) fn robust_covariance(camera: &Pinhole, pose: &Se3, points: &[SeenPoin
 const WIDENING: f64 = 30.0;
 
 impl PoseSolver {
+    /// What squared residuals are divided by in a step: more than 1 under the wide kernel.
+    pub fn widening(&self, iteration: usize) -> f64 {
+        if iteration < self.wide { WIDENING } else { 1.0 }
+    }
+
     /// The pose `camera_from_world` that agrees best with where the points are seen; `start` when there is none.
     pub fn solve(&self, camera: &Pinhole, start: &Se3, points: &[SeenPoint]) -> Se3 {
         let mut pose = *start;
         for iteration in 0..self.iterations {
-            let widening = if iteration < self.wide { WIDENING } else { 1.0 };
-            let (mut h, mut g) = linearise(camera, &pose, points, widening);
+            let (mut h, mut g) = linearise(camera, &pose, points, self.widening(iteration));
             if self.rotation_only {
                 g.fixed_rows_mut::<3>(0).fill(0.0);
                 h.fixed_view_mut::<3, 6>(0, 0).fill(0.0);
@@ -93,6 +97,20 @@ impl PoseSolver {
         }
         if pose.is_finite() { pose } else { *start }
     }
+}
+
+/// Adds a point to normal equations `H δ = −g`: its residual in pixels, with the derivative of that, two rows, and its weighted information.
+#[inline(always)]
+pub(crate) fn add_residual<const N: usize>(
+    (h, g): (&mut SMatrix<f64, N, N>, &mut SVector<f64, N>),
+    [ju, jv]: &[SVector<f64, N>; 2],
+    residual: &[f64; 2],
+    [a, b, c]: [f64; 3],
+) {
+    let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
+    h.ger(1.0, &wu, ju, 1.0);
+    h.ger(1.0, &wv, jv, 1.0);
+    *g += wu * residual[0] + wv * residual[1];
 }
 
 geometry::multiversion! {
@@ -113,12 +131,8 @@ geometry::multiversion! {
                 continue;
             };
             let weight = robust_weight(mahalanobis(&p.residual, &point.information) / widening);
-            let [a, b, c] = point.information.map(|v| v * weight);
-            let (ju, jv) = (Vector6::from(p.by_twist[0]), Vector6::from(p.by_twist[1]));
-            let (wu, wv) = (ju * a + jv * b, ju * b + jv * c);
-            h.ger(1.0, &wu, &ju, 1.0);
-            h.ger(1.0, &wv, &jv, 1.0);
-            g += wu * p.residual[0] + wv * p.residual[1];
+            let information = point.information.map(|v| v * weight);
+            add_residual((&mut h, &mut g), &p.by_twist.map(Vector6::from), &p.residual, information);
         }
         (h, g)
     }
